@@ -1,0 +1,13 @@
+//! quadmark marks 3D meshes with their owner's invisible, blind, robust watermark and later
+//! proves from a suspect file whose mark it carries.
+//!
+//! Modules in reading order; imports run downward only (`tests/architecture.rs` holds the line):
+//!
+//! - [`mesh`]: positions and triangles, welding, centre, quadrics, distortion. Pure.
+//! - [`watermark`]: keys to codewords, bins, modulation, placement, the closed loop, extraction
+//!   and detection. Pure, deterministic to the bit on any number of threads.
+//! - [`formats`]: bytes to carrier mesh, new positions to patched bytes.
+
+pub mod formats;
+pub mod mesh;
+pub mod watermark;
