@@ -7,7 +7,11 @@
 //! - [`watermark`]: keys to codewords, bins, modulation, placement, the closed loop, extraction
 //!   and detection. Pure, deterministic to the bit on any number of threads.
 //! - [`formats`]: bytes to carrier mesh, new positions to patched bytes.
+//! - [`marking`]: the two together, bytes to checked bytes.
+//! - [`sample`]: meshes made from nothing, for documentation and tests.
 
 pub mod formats;
+pub mod marking;
 pub mod mesh;
+pub mod sample;
 pub mod watermark;

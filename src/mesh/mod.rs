@@ -4,6 +4,13 @@
 //! clocks or threads other than rayon's data parallelism, whose results here never depend on
 //! the number of threads.
 
+pub mod adjacency;
+pub mod distortion;
+pub mod quadric;
+pub mod sum;
+pub mod surface;
+pub mod weld;
+
 use glam::DVec3;
 
 /// Why a list of positions and triangles is not a mesh.

@@ -1,1 +1,24 @@
-//! Pure watermark core.
+//! The watermark: from keys to codewords, from codewords to moved vertices, and back.
+//!
+//! Pure and deterministic to the bit on any number of threads. This module must not know about
+//! files, HTTP, the registry, clocks or random sources: keys and messages come in as values.
+
+pub mod bins;
+mod codeword;
+mod detect;
+mod embed;
+mod error;
+mod extract;
+mod index;
+mod params;
+mod placement;
+mod power_map;
+
+pub use bins::Frame;
+pub use codeword::{Codeword, LATTICE_CLASSES, MarkKey, Message, Schedule};
+pub use detect::{Score, SoftBits, Suspect, log10_chernoff};
+pub use embed::{Embedding, Host, embed, needed_bins};
+pub use error::WatermarkError;
+pub use extract::{Extraction, Reading, extract, extract_from_surface};
+pub use index::{Candidate, CodewordIndex, Search};
+pub use params::{BitCount, EmbedParams, Method, Modulation, Placement, Strength};

@@ -1,0 +1,263 @@
+//! Bytes to checked bytes: what the service, the command line, the lab and the benchmarks all do
+//! with a file. Heavy but pure; it must not know about registries, keys' origin or HTTP.
+//!
+//! Nothing leaves here that was not read back first (design invariant 2): the written bytes are
+//! parsed again from nothing, extracted blindly and compared, and independent readers must find
+//! the same topology as in the host.
+
+use serde::Serialize;
+
+use crate::formats::{Agreement, Asset, Format, FormatError, Limits, agrees};
+use crate::mesh::Mesh;
+use crate::mesh::surface::Surface;
+use crate::watermark::{
+    BitCount, Codeword, EmbedParams, Extraction, Frame, Host, MarkKey, Message, Modulation,
+    Reading, WatermarkError, embed, extract_from_surface, needed_bins,
+};
+
+/// Why a file was not marked.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MarkError {
+    /// The file cannot be read or patched.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// The mesh cannot be marked.
+    #[error(transparent)]
+    Watermark(#[from] WatermarkError),
+    /// The marked file failed its check. It was thrown away.
+    #[error("the marked file failed its check and was thrown away: {0}")]
+    Check(String),
+}
+
+/// What to embed, and how.
+#[derive(Clone, Copy)]
+pub struct MarkRequest<'a> {
+    /// The mark key.
+    pub key: &'a MarkKey,
+    /// The message; its length must be `params.bits`.
+    pub message: &'a Message,
+    /// Method, strength, bits, loop.
+    pub params: EmbedParams,
+    /// Limits of the parser.
+    pub limits: Limits,
+    /// Asked between stages; `true` gives up with [`WatermarkError::Cancelled`].
+    pub stop: &'a (dyn Fn() -> bool + Sync),
+    /// Files up to this size are also opened in an independent reader.
+    pub independent_check_max_bytes: usize,
+}
+
+/// A marked file and what is worth knowing about it.
+#[derive(Debug)]
+pub struct Marked {
+    /// The marked file.
+    pub bytes: Vec<u8>,
+    /// Its format, as sniffed.
+    pub format: Format,
+    /// The host's geometry.
+    pub host: Mesh,
+    /// The host's own frame.
+    pub host_frame: Frame,
+    /// Counts and margins.
+    pub report: MarkReport,
+}
+
+/// What an embedding reached.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MarkReport {
+    /// Vertices of the file.
+    pub vertices: usize,
+    /// Triangles of the file.
+    pub triangles: usize,
+    /// Distinct points that a triangle with area uses.
+    pub carriers: usize,
+    /// Bins that read their bit blindly from the written file.
+    pub usable_bins: usize,
+    /// Bins with too few vertices to carry a bit.
+    pub erasures: usize,
+    /// Smallest distance of a usable bin's statistic from neutral; at most about the strength.
+    pub smallest_margin: f64,
+    /// Rounds of the closed loop.
+    pub rounds: usize,
+}
+
+/// Marks a file.
+///
+/// # Errors
+/// [`MarkError`]; nothing but the error is left then.
+pub fn mark(host: &[u8], request: &MarkRequest<'_>) -> Result<Marked, MarkError> {
+    let MarkRequest { key, message, params, limits, stop, .. } = *request;
+    let cancelled = || if stop() { Err(WatermarkError::Cancelled) } else { Ok(()) };
+    let asset = Asset::read(host, &limits)?;
+    cancelled()?;
+    let codeword = Codeword::new(key, message);
+    let (bytes, embedding, carriers) = {
+        let surface = Surface::new(asset.mesh());
+        let round = |positions: &mut [glam::DVec3]| asset.round(positions);
+        let seen =
+            Host { mesh: asset.mesh(), surface: &surface, pinned: asset.pinned(), round: &round };
+        let embedding = embed(seen, &codeword, &params, stop)?;
+        (asset.write(host, &embedding.positions)?, embedding, surface.positions.len())
+    };
+    cancelled()?;
+    let format = asset.format();
+    if params.closed_loop {
+        check(&bytes, &embedding.positions, request)?;
+        cancelled()?;
+    }
+    if bytes.len() <= request.independent_check_max_bytes
+        && let Agreement::Differs(reason) = agrees(format, host, &bytes)
+    {
+        return Err(MarkError::Check(reason));
+    }
+    let report = MarkReport {
+        vertices: asset.mesh().positions().len(),
+        triangles: asset.mesh().triangles().len(),
+        carriers,
+        usable_bins: embedding.usable_bins,
+        erasures: codeword.bits().len() - embedding.usable_bins,
+        smallest_margin: embedding.smallest_margin,
+        rounds: embedding.rounds,
+    };
+    let host_frame = embedding.host_frame;
+    Ok(Marked { bytes, format, host: asset.into_mesh(), host_frame, report })
+}
+
+/// Reads the written bytes as a stranger would and compares with what was meant.
+fn check(
+    bytes: &[u8],
+    positions: &[glam::DVec3],
+    request: &MarkRequest<'_>,
+) -> Result<(), MarkError> {
+    let again = Asset::read(bytes, &request.limits)?;
+    if again.mesh().positions() != positions {
+        return Err(MarkError::Check("the positions differ from those that were written".into()));
+    }
+    let params = &request.params;
+    let surface = Surface::new(again.mesh());
+    let modulation = params.method.modulation();
+    let found = extract_from_surface(&surface, request.key, params.bits, modulation)?;
+    let wanted = request.message.bits();
+    let wrong =
+        found.bits.iter().zip(wanted).filter(|(read, meant)| read.is_some_and(|b| b != **meant));
+    let (wrong, read) = (wrong.count(), found.bits.iter().flatten().count());
+    if wrong > 0 || read < needed_bins(wanted.len()) {
+        let (vertices, bits) = (surface.positions.len(), wanted.len());
+        return Err(WatermarkError::InsufficientCapacity {
+            usable: read - wrong,
+            needed: needed_bins(bits).max(read),
+            bits,
+            vertices,
+            in_bins: found.counts.iter().sum(),
+            least_count: found.counts.iter().copied().min().unwrap_or(0),
+            reason: "some bits do not survive being written to the file",
+        }
+        .into());
+    }
+    Ok(())
+}
+
+/// Reads a message blindly from a file.
+///
+/// # Errors
+/// [`MarkError::Format`] or [`MarkError::Watermark`].
+pub fn extract_file(
+    bytes: &[u8],
+    key: &MarkKey,
+    bits: BitCount,
+    modulation: Modulation,
+    limits: &Limits,
+) -> Result<Extraction, MarkError> {
+    let surface = Surface::new(Asset::read(bytes, limits)?.mesh());
+    Ok(extract_from_surface(&surface, key, bits, modulation)?)
+}
+
+/// What a file is and how well it can carry a mark.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Inspection {
+    /// `obj`, `gltf` or `glb`.
+    pub format: &'static str,
+    /// Vertices of the file.
+    pub vertices: usize,
+    /// Triangles of the file.
+    pub triangles: usize,
+    /// Distinct points that a triangle with area uses.
+    pub carriers: usize,
+    /// Bounding-box diagonal of the carriers, in the file's unit.
+    pub diagonal: f64,
+    /// Area-weighted centre.
+    pub centre: [f64; 3],
+    /// Smallest vertex norm.
+    pub rho_min: f64,
+    /// Largest vertex norm.
+    pub rho_max: f64,
+    /// How many bits were asked about.
+    pub bits: usize,
+    /// Bins with enough vertices in the poorest of all lattice classes.
+    pub usable_bins: usize,
+    /// Bins that a mark needs.
+    pub needed_bins: usize,
+    /// Vertices of the median bin, in the poorest class.
+    pub median_count: usize,
+    /// Vertices of the poorest bin of that class.
+    pub least_count: usize,
+    /// Whether a mark of this size can be tried. Whether its bins can really be moved shows in
+    /// the embedding itself.
+    pub markable: bool,
+    /// Expected signal of a median bin over its sampling noise, `strength sqrt(n) / sigma`, with
+    /// sigma of an even bin: what the mark has to spare against noise.
+    pub expected_margin: f64,
+    /// Decimal logarithm of the best false-positive bound that a mark can reach before
+    /// hypotheses are counted.
+    pub best_log10_fp: f64,
+}
+
+/// Looks at a file without marking it.
+///
+/// # Errors
+/// [`MarkError::Format`] or [`WatermarkError::NoRadialExtent`].
+pub fn inspect(
+    bytes: &[u8],
+    params: &EmbedParams,
+    limits: &Limits,
+) -> Result<Inspection, MarkError> {
+    let asset = Asset::read(bytes, limits)?;
+    let surface = Surface::new(asset.mesh());
+    let centre = surface.centre();
+    let norms = crate::watermark::bins::norms(&surface.positions, centre);
+    let frame = Frame::spanning(centre, &norms);
+    let modulation = params.method.modulation();
+    let poorest = (0..=u8::MAX)
+        .filter_map(|class| Reading::in_frame(frame, &norms, class, params.bits, modulation))
+        .map(|reading| {
+            let mut counts: Vec<usize> = reading.statistics.iter().map(|s| s.count).collect();
+            counts.sort_unstable();
+            (reading.statistics.iter().filter(|s| !s.is_erasure()).count(), counts)
+        })
+        .min()
+        .ok_or(WatermarkError::NoRadialExtent { vertices: norms.len() })?;
+    let (usable_bins, counts) = poorest;
+    let median_count = counts.get(counts.len() / 2).copied().unwrap_or(0);
+    let sigma = match modulation {
+        Modulation::Mean => (1.0_f64 / 12.0).sqrt(),
+        Modulation::Variance => (4.0_f64 / 45.0).sqrt(),
+    };
+    let needed = needed_bins(params.bits.get());
+    Ok(Inspection {
+        format: asset.format().extension(),
+        vertices: asset.mesh().positions().len(),
+        triangles: asset.mesh().triangles().len(),
+        carriers: surface.positions.len(),
+        diagonal: surface.diagonal(),
+        centre: centre.to_array(),
+        rho_min: frame.rho_min,
+        rho_max: frame.rho_max,
+        bits: params.bits.get(),
+        usable_bins,
+        needed_bins: needed,
+        median_count,
+        least_count: counts.first().copied().unwrap_or(0),
+        markable: usable_bins >= needed,
+        expected_margin: params.strength.get() * (median_count as f64).sqrt() / sigma,
+        best_log10_fp: -(usable_bins as f64) * std::f64::consts::LOG10_2,
+    })
+}

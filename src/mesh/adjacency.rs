@@ -1,0 +1,54 @@
+//! Which triangles stand around a vertex, in one flat array.
+
+/// Triangles around each carrier, ascending, as compressed rows.
+#[derive(Debug, Clone)]
+pub struct Adjacency {
+    starts: Vec<u32>,
+    triangles: Vec<u32>,
+}
+
+impl Adjacency {
+    /// Counts, then fills: two passes, two allocations.
+    ///
+    /// `triangles` index below `vertices`; three times their number fits in a `u32`.
+    #[must_use]
+    pub fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
+        let mut starts = vec![0_u32; vertices + 1];
+        for &v in triangles.iter().flatten() {
+            starts[v as usize + 1] += 1;
+        }
+        for v in 0..vertices {
+            starts[v + 1] += starts[v];
+        }
+        let mut next = starts.clone();
+        let mut around = vec![0_u32; triangles.len() * 3];
+        for (t, corners) in (0_u32..).zip(triangles) {
+            for &v in corners {
+                let slot = &mut next[v as usize];
+                around[*slot as usize] = t;
+                *slot += 1;
+            }
+        }
+        Self { starts, triangles: around }
+    }
+
+    /// Indices of the triangles at `vertex`.
+    #[must_use]
+    pub fn around(&self, vertex: usize) -> &[u32] {
+        &self.triangles[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_triangle_stands_at_its_three_corners() {
+        let triangles = [[0, 1, 2], [2, 1, 3], [3, 1, 0]];
+        let adjacency = Adjacency::new(5, &triangles);
+        assert_eq!(adjacency.around(1), &[0, 1, 2]);
+        assert_eq!(adjacency.around(3), &[1, 2]);
+        assert!(adjacency.around(4).is_empty());
+    }
+}

@@ -1,0 +1,96 @@
+//! How far two surfaces are apart, as Metro measures it (Cignoni et al. 1998, the paper's [20]).
+//!
+//! Samples are the vertices of one surface, their distances are to the closest point of the
+//! other; root mean square and maximum are taken in both directions and the larger is reported.
+
+use glam::DVec3;
+use parry3d_f64::math::Vector;
+use parry3d_f64::query::PointQuery;
+use parry3d_f64::shape::TriMesh;
+use rayon::prelude::*;
+
+use super::surface::Surface;
+
+/// Distances between two surfaces, in the meshes' own unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Distortion {
+    /// Maximum of the two root mean square distances (MRMS).
+    pub mrms: f64,
+    /// Maximum of the two one-sided maxima.
+    pub hausdorff: f64,
+    /// Bounding-box diagonal of the first surface, to make the others relative.
+    pub diagonal: f64,
+}
+
+/// Measures `a` against `b` and `b` against `a`.
+///
+/// Returns `None` when one of the surfaces has no triangle.
+#[must_use]
+pub fn distortion(a: &Surface, b: &Surface) -> Option<Distortion> {
+    let (there_rms, there_max) = one_sided(&a.positions, b)?;
+    let (back_rms, back_max) = one_sided(&b.positions, a)?;
+    Some(Distortion {
+        mrms: there_rms.max(back_rms),
+        hausdorff: there_max.max(back_max),
+        diagonal: a.diagonal(),
+    })
+}
+
+fn vector(p: DVec3) -> Vector {
+    Vector::new(p.x, p.y, p.z)
+}
+
+/// Root mean square and maximum of the samples' distances to the surface.
+fn one_sided(samples: &[DVec3], surface: &Surface) -> Option<(f64, f64)> {
+    let points = surface.positions.iter().copied().map(vector).collect();
+    let target = TriMesh::new(points, surface.triangles.clone()).ok()?;
+    if samples.is_empty() {
+        return None;
+    }
+    let distance = |&p: &DVec3| {
+        let p = vector(p);
+        (target.project_local_point(p, false).point - p).length()
+    };
+    let distances: Vec<f64> = samples.par_iter().with_min_len(1024).map(distance).collect();
+    let squares: f64 = distances.iter().map(|d| d * d).sum();
+    let largest = distances.iter().copied().fold(0.0, f64::max);
+    Some(((squares / samples.len() as f64).sqrt(), largest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+
+    fn plate(height: f64, n: u32) -> Surface {
+        let p = (0..=n).flat_map(|i| (0..=n).map(move |j| (f64::from(i), f64::from(j))));
+        let positions = p.map(|(x, y)| DVec3::new(x, y, height)).collect();
+        let at = |i: u32, j: u32| i * (n + 1) + j;
+        let triangles = (0..n)
+            .flat_map(|i| (0..n).map(move |j| (i, j)))
+            .flat_map(|(i, j)| {
+                [
+                    [at(i, j), at(i + 1, j), at(i, j + 1)],
+                    [at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)],
+                ]
+            })
+            .collect();
+        Surface::new(&Mesh::new(positions, triangles).unwrap())
+    }
+
+    #[test]
+    fn parallel_plates_are_their_gap_apart() {
+        let d = distortion(&plate(0.0, 7), &plate(0.25, 5)).unwrap();
+        // The larger plate's rim is (7 - 5) away from the smaller one, plus the gap.
+        assert!((d.hausdorff - (2.0_f64 * 2.0 + 2.0 * 2.0 + 0.0625).sqrt()).abs() < 1e-12);
+        let same = distortion(&plate(0.0, 5), &plate(0.25, 5)).unwrap();
+        assert!((same.mrms - 0.25).abs() < 1e-12 && (same.hausdorff - 0.25).abs() < 1e-12);
+        assert!((same.diagonal - 50.0_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_surface_is_at_no_distance_from_itself() {
+        let d = distortion(&plate(0.0, 4), &plate(0.0, 4)).unwrap();
+        assert!(d.mrms < 1e-15 && d.hausdorff < 1e-15);
+    }
+}
