@@ -1,0 +1,292 @@
+//! A stretch of whole logical lines: its vertices and faces, before anyone knows what stands in
+//! front of it.
+
+use glam::DVec3;
+
+use super::corner::{Corner, NoCorner, corner};
+use super::cursor::{Cursor, Statement};
+use super::number::{NoCoordinate, coordinate};
+
+/// What one chunk holds. Beyond the caller's caps it is counted but not kept.
+#[derive(Debug, Default)]
+pub(super) struct Chunk {
+    pub(super) positions: Vec<DVec3>,
+    /// Byte offset of each vertex's first coordinate in the file.
+    pub(super) offsets: Vec<u32>,
+    pub(super) triangles: Vec<[Corner; 3]>,
+    pub(super) vertex_count: usize,
+    pub(super) triangle_count: usize,
+    /// The most decimals of any coordinate.
+    pub(super) decimals: usize,
+}
+
+/// What may be kept of one chunk.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Caps {
+    pub(super) vertices: usize,
+    pub(super) triangles: usize,
+}
+
+/// A line that cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Fault {
+    /// A byte offset; the line number is counted only when it is needed.
+    pub(super) offset: usize,
+    pub(super) cause: Cause,
+}
+
+/// Why it cannot.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Cause {
+    Malformed(String),
+    NonFinite,
+}
+
+impl Chunk {
+    /// Parses the chunk `text`, which starts at byte `start` of the file.
+    pub(super) fn parse(text: &[u8], start: usize, caps: Caps) -> Result<Self, Fault> {
+        let mut chunk = Self::default();
+        let mut cursor = Cursor::new(text, 0);
+        let parsed = loop {
+            let statement_at = cursor.offset();
+            let Some(statement) = cursor.statement() else { break Ok(()) };
+            let parsed = match statement {
+                Statement::Vertex => chunk.vertex(&mut cursor, start, caps),
+                Statement::Face => chunk.face(&mut cursor, caps),
+                Statement::Other => Ok(()),
+            };
+            if parsed.is_err() {
+                break parsed;
+            }
+            debug_assert!(cursor.offset() >= statement_at);
+            cursor.skip_line();
+        };
+        match parsed {
+            Ok(()) => Ok(chunk),
+            Err(fault) => Err(Fault { offset: start + fault.offset, ..fault }),
+        }
+    }
+
+    /// The first three numbers; a weight or a colour behind them is left alone.
+    #[inline]
+    fn vertex(&mut self, cursor: &mut Cursor<'_>, start: usize, caps: Caps) -> Result<(), Fault> {
+        let keyword = cursor.offset().saturating_sub(1);
+        let mut position = [0.0; 3];
+        let mut first = None;
+        for (found, slot) in position.iter_mut().enumerate() {
+            let read = coordinate(cursor).map_err(|problem| match problem {
+                NoCoordinate::Missing => malformed(
+                    keyword,
+                    format!("a vertex needs three numbers, as in `v 1.0 2.0 3.0`; found {found}"),
+                ),
+                NoCoordinate::Junk { start } => malformed(
+                    start,
+                    format!(
+                        "`{}` is not a number; a vertex needs three, as in `v 1.0 2.0 3.0`",
+                        shown(cursor.text(), start)
+                    ),
+                ),
+            })?;
+            if !read.value.is_finite() {
+                return Err(Fault { offset: read.start, cause: Cause::NonFinite });
+            }
+            *slot = read.value;
+            first.get_or_insert(read.start);
+            self.decimals = self.decimals.max(read.decimals);
+        }
+        if self.positions.len() < caps.vertices {
+            // A file that 32 bits cannot address is refused before it is cut into chunks.
+            let offset = first.and_then(|first| u32::try_from(start + first).ok());
+            self.offsets.push(offset.unwrap_or(u32::MAX));
+            self.positions.push(DVec3::from_array(position));
+        }
+        self.vertex_count += 1;
+        Ok(())
+    }
+
+    /// A fan from the first corner. Fewer than three corners carry no triangle.
+    #[inline]
+    fn face(&mut self, cursor: &mut Cursor<'_>, caps: Caps) -> Result<(), Fault> {
+        let mut first = None;
+        let mut last = None;
+        while let Some(next) = self.next_corner(cursor)? {
+            match (first, last) {
+                (None, _) => first = Some(next),
+                (Some(_), None) => last = Some(next),
+                (Some(first), Some(middle)) => {
+                    if self.triangles.len() < caps.triangles {
+                        self.triangles.push([first, middle, next]);
+                    }
+                    self.triangle_count += 1;
+                    last = Some(next);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn next_corner(&self, cursor: &mut Cursor<'_>) -> Result<Option<Corner>, Fault> {
+        let Some(read) = corner(cursor, self.vertex_count) else { return Ok(None) };
+        read.map(Some).map_err(|problem| {
+            let start = token_start(cursor);
+            let token = shown(cursor.text(), start);
+            let reason = match problem {
+                NoCorner::Zero => {
+                    format!("`{token}` names vertex 0, but vertices are counted from 1 (or from -1 backwards)")
+                }
+                NoCorner::NotAnInteger => {
+                    format!("`{token}` is not a face corner; expected a vertex number, as in `7`, `7/2`, `7//3` or `-1`")
+                }
+            };
+            malformed(start, reason)
+        })
+    }
+}
+
+/// The first corner that names no vertex, in a chunk that is known to have one. Reads the text
+/// again: where each face stands is not remembered, because it is asked only once per bad file.
+pub(super) fn find_unresolved(text: &[u8], start: usize, before: u32, total: u32) -> Option<Fault> {
+    let mut cursor = Cursor::new(text, 0);
+    let mut vertices = 0;
+    while let Some(statement) = cursor.statement() {
+        match statement {
+            Statement::Vertex => vertices += 1,
+            Statement::Face => {
+                let mut corners = 0;
+                let mut unresolved = None;
+                while let Some(Ok(corner)) = corner(&mut cursor, vertices) {
+                    corners += 1;
+                    if unresolved.is_none() && corner.resolve(before, total).is_none() {
+                        unresolved = Some(token_start(&cursor));
+                    }
+                }
+                if let Some(at) = unresolved.filter(|_| corners > 2) {
+                    let so_far = vertices as u64 + u64::from(before);
+                    let reason = format!(
+                        "`{}` names no vertex: {so_far} stand above this line, {total} in the whole file",
+                        shown(text, at)
+                    );
+                    return Some(malformed(start + at, reason));
+                }
+            }
+            Statement::Other => {}
+        }
+        cursor.skip_line();
+    }
+    None
+}
+
+fn malformed(offset: usize, reason: String) -> Fault {
+    Fault { offset, cause: Cause::Malformed(reason) }
+}
+
+/// Where the token that ends at the cursor starts.
+fn token_start(cursor: &Cursor<'_>) -> usize {
+    let before = cursor.text().get(..cursor.offset()).unwrap_or_default();
+    let blank = |&byte: &u8| matches!(byte, b' ' | b'\t' | 0x0b | 0x0c | b'\n' | b'\r');
+    before.iter().rposition(blank).map_or(0, |blank| blank + 1)
+}
+
+/// The token at `start`, fit for an error message: printable and short.
+fn shown(text: &[u8], start: usize) -> String {
+    const LONGEST: usize = 40;
+    let token = Cursor::new(text, start).token().unwrap_or_default();
+    match token.get(..LONGEST) {
+        Some(head) => format!("{}...", head.escape_ascii()),
+        None => token.escape_ascii().to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALL: Caps = Caps { vertices: usize::MAX, triangles: usize::MAX };
+
+    fn triangles(text: &str, before: u32, total: u32) -> Vec<[Option<u32>; 3]> {
+        let chunk = Chunk::parse(text.as_bytes(), 0, ALL).unwrap();
+        let resolve = |corner: Corner| corner.resolve(before, total);
+        chunk.triangles.iter().map(|corners| corners.map(resolve)).collect()
+    }
+
+    #[test]
+    fn polygons_are_fans() {
+        let table: &[(&str, &[[u32; 3]])] = &[
+            ("f 1 2 3", &[[0, 1, 2]]),
+            ("f 1 2 3 4", &[[0, 1, 2], [0, 2, 3]]),
+            ("f 1/1 2/2 3/3 \\\n 4/4 5/5", &[[0, 1, 2], [0, 2, 3], [0, 3, 4]]),
+            ("f 1 1 1", &[[0, 0, 0]]),
+            ("f", &[]),
+            ("f 1", &[]),
+            ("f 1 99", &[]),
+            ("f 1 2 3#4", &[[0, 1, 2]]),
+            ("l 1 2 3\np 1 2 3\nfo 1 2 3", &[]),
+            ("v 0 0 0\nf -1 -2 -3\nv 0 0 0\nf -1 1 -6", &[[5, 4, 3], [6, 0, 1]]),
+        ];
+        for (text, expected) in table {
+            let expected: Vec<_> = expected.iter().map(|corners| corners.map(Some)).collect();
+            assert_eq!(triangles(text, 5, 9), expected, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn vertices_take_three_numbers_and_leave_the_rest() {
+        type Row = (&'static str, &'static [[f64; 3]], &'static [u32]);
+        let table: &[Row] = &[
+            ("v 1 2 3", &[[1.0, 2.0, 3.0]], &[102]),
+            ("v 1 2 3 0.5", &[[1.0, 2.0, 3.0]], &[102]),
+            ("v 1 2 3 .1 .2 .3", &[[1.0, 2.0, 3.0]], &[102]),
+            ("v 1 2 3 1 .1 .2 .3", &[[1.0, 2.0, 3.0]], &[102]),
+            ("v 1 2 3 name", &[[1.0, 2.0, 3.0]], &[102]),
+            (" v\\\n1 2\\\r\n3#c\nv 4 5 6", &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &[104, 116]),
+            ("vt 1 2\nvn 1 2 3\nvp 1\nV 1 2 3", &[], &[]),
+        ];
+        for (text, positions, offsets) in table {
+            let chunk = Chunk::parse(text.as_bytes(), 100, ALL).unwrap();
+            let read: Vec<_> = chunk.positions.iter().map(DVec3::to_array).collect();
+            assert_eq!(&read, positions, "{text:?}");
+            assert_eq!(&chunk.offsets, offsets, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn faults_stand_where_the_token_stands() {
+        let table = [
+            ("v 1 2", 100, "found 2"),
+            ("  v", 102, "found 0"),
+            ("v 1 2 # 3", 100, "found 2"),
+            ("v 1 two 3", 104, "`two` is not a number"),
+            ("v 1 2 \\\n 3\0", 109, "`3\\x00` is not a number"),
+            ("f 1 2 0", 106, "`0` names vertex 0"),
+            ("f 1 2 3 x/1", 108, "`x/1` is not a face corner"),
+            ("f 1.5 2 3", 102, "`1.5` is not"),
+        ];
+        for (text, offset, reason) in table {
+            let fault = Chunk::parse(text.as_bytes(), 100, ALL).unwrap_err();
+            assert_eq!(fault.offset, offset, "{text:?}");
+            assert!(matches!(&fault.cause, Cause::Malformed(text) if text.contains(reason)));
+        }
+        let fault = Chunk::parse(b"v 1 2 nan", 100, ALL).unwrap_err();
+        assert_eq!(fault, Fault { offset: 106, cause: Cause::NonFinite });
+    }
+
+    #[test]
+    fn beyond_the_caps_lines_are_counted_but_not_kept() {
+        let text = b"v 1 2 3\nv 1 2 3\nv 1 2 3\nf 1 1 1 1 1 1";
+        let chunk = Chunk::parse(text, 0, Caps { vertices: 2, triangles: 1 }).unwrap();
+        assert_eq!((chunk.vertex_count, chunk.positions.len(), chunk.offsets.len()), (3, 2, 2));
+        assert_eq!((chunk.triangle_count, chunk.triangles.len()), (4, 1));
+    }
+
+    #[test]
+    fn the_first_unresolved_corner_is_found() {
+        let text = b"f 1 9\nv 1 2 3\nf 1 2 -4\nf 1 2 -5";
+        let fault = find_unresolved(text, 100, 3, 4).unwrap();
+        assert_eq!(fault.offset, 129);
+        assert!(
+            matches!(fault.cause, Cause::Malformed(reason) if reason.contains("`-5` names no"))
+        );
+        assert_eq!(find_unresolved(text, 100, 4, 5), None);
+    }
+}

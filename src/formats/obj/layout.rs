@@ -1,0 +1,161 @@
+//! Patching: the host's bytes with the coordinates of moved vertices replaced, all else as it was.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::super::FormatError;
+use super::cursor::Cursor;
+use super::number::coordinate;
+use super::precision::Precision;
+use crate::mesh::Mesh;
+
+/// Vertices that one task writes.
+const BLOCK: usize = 1 << 14;
+
+/// A coordinate never grows by more than this in the meshes seen; a guess for reserving memory.
+const USUAL_GROWTH: usize = 12;
+
+/// Where the coordinates stand: four bytes per vertex. The tokens are found again while writing.
+#[derive(Debug)]
+pub(in crate::formats) struct Layout {
+    /// Byte offset of each vertex's first coordinate.
+    offsets: Vec<u32>,
+    precision: Precision,
+    host_bytes: usize,
+}
+
+impl Layout {
+    /// `decimals` is the most that any coordinate of the host has.
+    pub(super) fn new(mesh: &Mesh, offsets: Vec<u32>, decimals: usize, host_bytes: usize) -> Self {
+        Self { offsets, precision: Precision::choose(decimals, diagonal(mesh)), host_bytes }
+    }
+
+    /// Replaces every coordinate that is not the host's by what its text will read back as.
+    pub(in crate::formats) fn round(&self, host: &Mesh, positions: &mut [DVec3]) {
+        positions.par_chunks_mut(BLOCK).zip(host.positions().par_chunks(BLOCK)).for_each(
+            |(positions, hosts)| {
+                for (position, host) in positions.iter_mut().zip(hosts) {
+                    for axis in 0..3 {
+                        position[axis] = self.round_coordinate(host[axis], position[axis]);
+                    }
+                }
+            },
+        );
+    }
+
+    fn round_coordinate(&self, host: f64, moved: f64) -> f64 {
+        if host.to_bits() == moved.to_bits() { host } else { self.precision.round(moved) }
+    }
+
+    /// The host's bytes with the coordinates that differ from the host's replaced.
+    ///
+    /// # Errors
+    /// [`FormatError::ReadBack`] when `bytes` or `positions` do not belong to this layout, or a
+    /// position is not finite.
+    pub(in crate::formats) fn write(
+        &self,
+        bytes: &[u8],
+        host: &Mesh,
+        positions: &[DVec3],
+    ) -> Result<Vec<u8>, FormatError> {
+        let vertices = self.offsets.len();
+        if bytes.len() != self.host_bytes || host.positions().len() != vertices {
+            return Err(foreign_host());
+        }
+        if positions.len() != vertices {
+            let found = positions.len();
+            return Err(read_back(format!("{found} positions for {vertices} vertices")));
+        }
+        let blocks = vertices.div_ceil(BLOCK);
+        let pieces = (0..blocks)
+            .into_par_iter()
+            .map(|block| self.write_block(bytes, host.positions(), positions, block))
+            .collect::<Vec<Result<Vec<u8>, FormatError>>>();
+        let pieces = pieces.into_iter().collect::<Result<Vec<Vec<u8>>, FormatError>>()?;
+        let mut out = Vec::with_capacity(pieces.iter().map(Vec::len).sum());
+        for piece in pieces {
+            out.extend(piece);
+        }
+        Ok(out)
+    }
+
+    /// The bytes from the first coordinate of a block's first vertex to that of the next block's;
+    /// the first block starts, and the last one ends, with the file.
+    fn write_block(
+        &self,
+        bytes: &[u8],
+        hosts: &[DVec3],
+        positions: &[DVec3],
+        block: usize,
+    ) -> Result<Vec<u8>, FormatError> {
+        let first = block * BLOCK;
+        let last = (first + BLOCK).min(positions.len());
+        let mut copied = if block == 0 { 0 } else { self.offset(first).unwrap_or(0) };
+        let end = self.offset(last).unwrap_or(bytes.len());
+        let room = end.saturating_sub(copied) + 3 * USUAL_GROWTH * (last - first);
+        let mut out = Vec::with_capacity(room);
+        for vertex in first..last {
+            let (Some(host), Some(moved), Some(offset)) =
+                (hosts.get(vertex), positions.get(vertex), self.offset(vertex))
+            else {
+                return Err(foreign_host());
+            };
+            if bits(*host) == bits(*moved) {
+                continue;
+            }
+            if !moved.is_finite() {
+                return Err(read_back(format!("vertex {vertex} moved to infinity or NaN")));
+            }
+            let mut cursor = Cursor::new(bytes, offset);
+            for axis in 0..3 {
+                let token = coordinate(&mut cursor).map_err(|_| foreign_host())?;
+                if token.value.to_bits() != host[axis].to_bits() {
+                    return Err(foreign_host());
+                }
+                let rounded = self.round_coordinate(host[axis], moved[axis]);
+                // What rounds to the host's value keeps the host's spelling of it.
+                if rounded.to_bits() == host[axis].to_bits() {
+                    continue;
+                }
+                out.extend_from_slice(bytes.get(copied..token.start).ok_or_else(foreign_host)?);
+                self.precision.spell(moved[axis], &mut out);
+                copied = cursor.offset();
+            }
+        }
+        out.extend_from_slice(bytes.get(copied..end).ok_or_else(foreign_host)?);
+        Ok(out)
+    }
+
+    fn offset(&self, vertex: usize) -> Option<usize> {
+        self.offsets.get(vertex).and_then(|&offset| usize::try_from(offset).ok())
+    }
+}
+
+fn bits(position: DVec3) -> [u64; 3] {
+    position.to_array().map(f64::to_bits)
+}
+
+fn foreign_host() -> FormatError {
+    read_back("these are not the bytes that the positions were read from".into())
+}
+
+fn read_back(reason: String) -> FormatError {
+    FormatError::ReadBack { reason }
+}
+
+/// The diagonal of the bounding box of the surface; loose vertices far away do not coarsen it.
+fn diagonal(mesh: &Mesh) -> f64 {
+    let positions = mesh.positions();
+    let empty = || (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let grow = |(low, high): (DVec3, DVec3), (other_low, other_high): (DVec3, DVec3)| {
+        (low.min(other_low), high.max(other_high))
+    };
+    let (low, high) = mesh
+        .triangles()
+        .par_iter()
+        .flat_map_iter(|corners| corners.iter().copied())
+        .filter_map(|corner| positions.get(usize::try_from(corner).ok()?))
+        .fold(empty, |bounds, &position| grow(bounds, (position, position)))
+        .reduce(empty, grow);
+    (high - low).length()
+}

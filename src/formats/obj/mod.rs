@@ -1,0 +1,49 @@
+//! Wavefront OBJ: which `v` lines there are, what surface they span, and where their coordinates
+//! stand in the bytes.
+//!
+//! Reading order: `cursor` (logical lines and tokens), `number` (one coordinate), `corner` (one
+//! face index), `chunk` (a stretch of whole lines), `parse` (all stretches, in parallel),
+//! `precision` (how a moved coordinate is rounded and spelled), `layout` (patching the bytes).
+//!
+//! Nothing here must know about watermarks or other formats, and no file that an OBJ names
+//! (`mtllib`, `call`, `maplib`) is ever opened.
+
+mod chunk;
+mod corner;
+mod cursor;
+mod layout;
+mod number;
+mod parse;
+mod precision;
+#[cfg(test)]
+mod properties;
+
+pub(super) use cursor::{Cursor, Statement};
+pub(super) use layout::Layout;
+
+use super::{FormatError, Limits};
+use crate::mesh::Mesh;
+
+/// Bytes that one task parses. Small enough to keep all cores busy on a file of a few megabytes,
+/// large enough that starting a task costs nothing beside it.
+const CHUNK_BYTES: usize = 1 << 20;
+
+/// Reads every `v` line as a vertex, in file order, and every `f` line as a fan of triangles.
+///
+/// # Errors
+/// [`FormatError::MalformedObj`] and [`FormatError::NonFiniteVertex`] with the physical line,
+/// [`FormatError::TooLarge`] over a limit, [`FormatError::NoTriangles`] without a surface.
+pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(Mesh, Layout), FormatError> {
+    read_in_chunks(bytes, limits, CHUNK_BYTES)
+}
+
+fn read_in_chunks(
+    bytes: &[u8],
+    limits: &Limits,
+    chunk_bytes: usize,
+) -> Result<(Mesh, Layout), FormatError> {
+    let parsed = parse::parse(bytes, limits, chunk_bytes)?;
+    let mesh = Mesh::new(parsed.positions, parsed.triangles)?;
+    let layout = Layout::new(&mesh, parsed.offsets, parsed.decimals, bytes.len());
+    Ok((mesh, layout))
+}

@@ -1,0 +1,197 @@
+//! How a moved coordinate is rounded and spelled.
+//!
+//! A marked file should look as if its exporter had written it: as many decimals as the host has,
+//! and no fewer than the mark needs. Numerically and as text the rule is the same, so that what
+//! was checked before writing is what will be read.
+
+use std::io::Write as _;
+
+/// Ten to the 0 to 22: those that a double holds exactly.
+pub(super) const POWERS_OF_TEN: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
+    1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
+];
+
+/// A step of this part of the bounding-box diagonal is far below what a mark moves (about 1e-4)
+/// and what an eye sees.
+const FINEST_STEP: f64 = 1e-7;
+
+/// Below this many steps, rounding twice is rounding once: dividing and multiplying again is off
+/// by less than `steps * 2^-52`, a quarter of a step here. (Up to 2^53 the text would still be
+/// exact, but rounding a rounded value could move it again.)
+const MOST_STEPS: f64 = (1_u64 << 50) as f64;
+
+/// Longest fixed-point text: sign, 16 digits of steps or 23 of padding, point.
+const LONGEST: usize = 26;
+
+/// The number of decimals of moved coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Precision {
+    decimals: usize,
+}
+
+impl Precision {
+    /// As many decimals as the host's coordinates have, and enough for a mesh of this bounding-box
+    /// diagonal.
+    pub(super) fn choose(host_decimals: usize, diagonal: f64) -> Self {
+        let finest = FINEST_STEP * diagonal;
+        let needed = POWERS_OF_TEN.iter().position(|power| 1.0 / power <= finest);
+        // A point has no diagonal; a mesh of 1e-20 has one, but no fixed-point spelling.
+        let beyond = if diagonal > 0.0 { POWERS_OF_TEN.len() } else { 0 };
+        Self { decimals: host_decimals.max(needed.unwrap_or(beyond)) }
+    }
+
+    /// The value that [`Precision::spell`] reads back as.
+    pub(super) fn round(self, x: f64) -> f64 {
+        match self.steps(x) {
+            // Two exact doubles: their quotient is the double nearest to the decimal fraction,
+            // which is what every correct parser makes of the text.
+            Some((steps, power)) => steps as f64 / power,
+            // Adding zero turns -0 into 0.
+            None => x + 0.0,
+        }
+    }
+
+    /// Appends the text of a finite `x`: exactly the chosen decimals, or for values beyond their
+    /// reach the shortest text that reads back as `x`; never an exponent, which some OBJ readers
+    /// do not know.
+    pub(super) fn spell(self, x: f64, out: &mut Vec<u8>) {
+        match self.steps(x) {
+            Some((steps, _)) => spell_fixed(steps, self.decimals, out),
+            // Writing to a vector cannot fail.
+            None => _ = write!(out, "{}", x + 0.0),
+        }
+    }
+
+    /// `x` in steps of `10^-decimals`, and how many of them make one.
+    fn steps(self, x: f64) -> Option<(i64, f64)> {
+        let power = *POWERS_OF_TEN.get(self.decimals)?;
+        let steps = (x * power).round();
+        if steps.is_nan() || steps.abs() >= MOST_STEPS {
+            return None;
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "a whole number below 2^50")]
+        let steps = steps as i64;
+        Some((steps, power))
+    }
+}
+
+fn spell_fixed(steps: i64, decimals: usize, out: &mut Vec<u8>) {
+    let mut text = [b'0'; LONGEST];
+    let mut left = steps.unsigned_abs();
+    let mut written = 0;
+    // One digit stands before the point, even if it is a zero.
+    let least = if decimals == 0 { 1 } else { decimals + 2 };
+    for slot in text.iter_mut().rev() {
+        if written >= least && left == 0 {
+            break;
+        }
+        if decimals > 0 && written == decimals {
+            *slot = b'.';
+        } else {
+            *slot = b'0' + u8::try_from(left % 10).unwrap_or(0);
+            left /= 10;
+        }
+        written += 1;
+    }
+    if steps < 0 {
+        out.push(b'-');
+    }
+    out.extend_from_slice(text.get(LONGEST - written..).unwrap_or_default());
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn spell(decimals: usize, x: f64) -> String {
+        let mut text = Vec::new();
+        Precision { decimals }.spell(x, &mut text);
+        String::from_utf8(text).unwrap()
+    }
+
+    #[test]
+    fn spelling() {
+        let table = [
+            (6, 0.5, "0.500000"),
+            (6, -0.5, "-0.500000"),
+            (6, -0.000_000_1, "0.000000"),
+            (6, -0.0, "0.000000"),
+            (6, 12.345_678_9, "12.345679"),
+            (3, 1234.5, "1234.500"),
+            (1, 10.0, "10.0"),
+            (1, 9.96, "10.0"),
+            (0, 1204.4, "1204"),
+            (0, -7.0, "-7"),
+            (0, 0.2, "0"),
+            (22, 1e-9, "0.0000000010000000000000"),
+            (6, 1e15, "1000000000000000"),
+            (6, -1.5e300, &(String::from("-15") + &"0".repeat(299))),
+            (23, 1.5e-25, "0.00000000000000000000000015"),
+            (23, -0.0, "0"),
+        ];
+        for (decimals, x, expected) in table {
+            assert_eq!(spell(decimals, x), expected);
+        }
+    }
+
+    #[test]
+    fn decimals_follow_the_host_and_the_size_of_the_mesh() {
+        let table = [
+            (6, 0.25, 8),
+            (6, 1.0, 7),
+            (6, 10.0, 6),
+            (9, 10.0, 9),
+            (2, 1e7, 2),
+            (0, 1e7, 0),
+            (0, 1e300, 0),
+            (0, f64::INFINITY, 0),
+            (3, 0.0, 3),
+            (3, 1e-15, 22),
+            (3, 1e-30, 23),
+        ];
+        for (host, diagonal, decimals) in table {
+            assert_eq!(Precision::choose(host, diagonal), Precision { decimals }, "{diagonal}");
+        }
+    }
+
+    fn any_finite() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            -10.0..10.0_f64,
+            -1e6..1e6_f64,
+            -1e-6..1e-6_f64,
+            (-2e15..2e15_f64),
+            any::<f64>().prop_filter("finite", |x| x.is_finite()),
+        ]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4000))]
+
+        #[test]
+        fn text_reads_back_as_the_rounded_value(x in any_finite(), decimals in 0..24_usize) {
+            let precision = Precision { decimals };
+            let rounded = precision.round(x);
+            let text = spell(decimals, x);
+            prop_assert_eq!(text.parse::<f64>().unwrap().to_bits(), rounded.to_bits());
+            let fast: f64 = fast_float2::parse(&text).unwrap();
+            prop_assert_eq!(fast.to_bits(), rounded.to_bits());
+            prop_assert!(!text.contains(['e', 'E', '+']) && (rounded != 0.0 || !text.starts_with('-')));
+            if precision.steps(x).is_some() {
+                prop_assert_eq!(text.split_once('.').map_or(0, |(_, after)| after.len()), decimals);
+                // Half a step, and the rounding of the product and the quotient.
+                prop_assert!((rounded - x).abs() <= 0.5 / POWERS_OF_TEN[decimals]
+                    + x.abs() * f64::EPSILON);
+            }
+        }
+
+        #[test]
+        fn rounding_twice_is_rounding_once(x in any_finite(), decimals in 0..24_usize) {
+            let precision = Precision { decimals };
+            let once = precision.round(x);
+            prop_assert_eq!(precision.round(once).to_bits(), once.to_bits());
+        }
+    }
+}
