@@ -1,0 +1,50 @@
+//! `quadmark compare`.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use quadmark::formats::Asset;
+use quadmark::mesh::distortion::distortion;
+use quadmark::mesh::surface::Surface;
+use serde_json::json;
+
+use super::{Failure, Outcome, files, limits};
+
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// The first file, whose bounding-box diagonal makes distances relative; - is standard input.
+    first: PathBuf,
+    /// The second file.
+    second: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Outcome {
+    let surface = |path: &Path| -> Result<Surface, Failure> {
+        Ok(Surface::new(Asset::read(&files::read(path)?, &limits())?.mesh()))
+    };
+    let (first, second) = (surface(&arguments.first)?, surface(&arguments.second)?);
+    let no_surface = || Failure("one of the files has no triangle with an area".into());
+    let measured = distortion(&first, &second).ok_or_else(no_surface)?;
+    let relative = |length: f64| length / measured.diagonal;
+    if arguments.json {
+        files::print_json(&json!({
+            "mrms": measured.mrms,
+            "hausdorff": measured.hausdorff,
+            "diagonal": measured.diagonal,
+            "mrms_relative": relative(measured.mrms),
+            "hausdorff_relative": relative(measured.hausdorff),
+        }))?;
+    } else {
+        println!(
+            "mrms {:.4e} ({:.5} % of the diagonal), hausdorff {:.4e} ({:.5} %)",
+            measured.mrms,
+            100.0 * relative(measured.mrms),
+            measured.hausdorff,
+            100.0 * relative(measured.hausdorff)
+        );
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,94 @@
+//! `quadmark embed`.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use quadmark::marking::{MarkRequest, mark};
+use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength};
+use serde_json::json;
+
+use super::{Failure, Outcome, files, limits};
+
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// The host file (OBJ, GLB or glTF); - is standard input.
+    input: PathBuf,
+    /// Where the marked file goes; - is standard output.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// The 32-byte mark key, 64 hexadecimal digits. Keep it: it alone reads the mark.
+    #[arg(long, env = "QUADMARK_KEY", hide_env_values = true, value_parser = super::parse_key)]
+    key: MarkKey,
+    /// The message in hexadecimal digits, filled up with zero bits; random when not given.
+    #[arg(long)]
+    message: Option<String>,
+    /// cho-mean, cho-var, qsp-mean or qsp-var.
+    #[arg(long, default_value_t, value_parser = super::parse_method)]
+    method: Method,
+    /// How far each bin's statistic is moved: 0.01 to 0.25.
+    #[arg(long, default_value = "0.1", value_parser = super::parse_strength)]
+    strength: Strength,
+    /// How many bits the mark carries: 16 to 256.
+    #[arg(long, default_value_t, value_parser = super::parse_bits)]
+    bits: BitCount,
+    /// The paper's single pass, for comparison: the result is not checked and may misread.
+    #[arg(long)]
+    open_loop: bool,
+    /// Print a report as JSON (to standard error when the file goes to standard output).
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Outcome {
+    let message = match &arguments.message {
+        Some(digits) => Message::from_hex(digits, arguments.bits)?,
+        None => random_message(arguments.bits)?,
+    };
+    let host = files::read(&arguments.input)?;
+    let request = MarkRequest {
+        key: &arguments.key,
+        message: &message,
+        params: EmbedParams {
+            method: arguments.method,
+            strength: arguments.strength,
+            bits: arguments.bits,
+            closed_loop: !arguments.open_loop,
+        },
+        limits: limits(),
+        stop: &|| false,
+        independent_check_max_bytes: 16 << 20,
+    };
+    let marked = mark(&host, &request)?;
+    files::write(&arguments.output, &marked.bytes)?;
+    let report = json!({
+        "message": message.to_hex(),
+        "method": arguments.method.name(),
+        "strength": arguments.strength.get(),
+        "bits": arguments.bits.get(),
+        "format": marked.format.extension(),
+        "report": marked.report,
+    });
+    if !arguments.json {
+        eprintln!(
+            "marked {} with message {} ({} of {} bins, {} rounds, smallest margin {:.4})",
+            arguments.output.display(),
+            message.to_hex(),
+            marked.report.usable_bins,
+            arguments.bits,
+            marked.report.rounds,
+            marked.report.smallest_margin,
+        );
+    } else if arguments.output == Path::new("-") {
+        eprintln!("{report}");
+    } else {
+        files::print_json(&report)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn random_message(bits: BitCount) -> Result<Message, Failure> {
+    let mut bytes = [0; 32];
+    getrandom::fill(&mut bytes)?;
+    let all = bytes.iter().flat_map(|byte| (0..8).map(move |k| byte >> k & 1 == 1));
+    Ok(Message::from_bits(all.take(bits.get()).collect())?)
+}

@@ -1,0 +1,102 @@
+//! The command line: one file per command.
+//!
+//! Results go to standard output, everything meant for a person to standard error. Exit code 0:
+//! done, or a match; 1: no match; 2: error.
+
+mod compare;
+mod embed;
+mod extract;
+mod files;
+mod inspect;
+mod sample;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use quadmark::formats::Limits;
+use quadmark::watermark::{BitCount, MarkKey, Method, Modulation, Strength, WatermarkError};
+
+/// What a command ends with, or a text for the user.
+type Outcome = Result<ExitCode, Failure>;
+
+/// An error as the user reads it: the whole chain in one line.
+struct Failure(String);
+
+impl<E: std::error::Error> From<E> for Failure {
+    fn from(error: E) -> Self {
+        let mut text = error.to_string();
+        let mut source = error.source();
+        while let Some(cause) = source {
+            let cause_text = cause.to_string();
+            // Transparent errors repeat their source's text.
+            if !text.contains(&cause_text) {
+                text = format!("{text}: {cause_text}");
+            }
+            source = cause.source();
+        }
+        Self(text)
+    }
+}
+
+#[derive(Parser)]
+#[command(name = "quadmark", version, about, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Mark a file with a key of your own; no server, no registry.
+    Embed(embed::Arguments),
+    /// Read the message of a marked file blindly.
+    Extract(extract::Arguments),
+    /// Say what a file is and how well it can carry a mark.
+    Inspect(inspect::Arguments),
+    /// Measure how far two surfaces are apart (MRMS and Hausdorff distance, as Metro does).
+    Compare(compare::Arguments),
+    /// Write a generated mesh, to try things on.
+    Sample(sample::Arguments),
+}
+
+/// Runs the command that the process was started with.
+pub(crate) fn run() -> ExitCode {
+    let outcome = match Arguments::parse().command {
+        Command::Embed(arguments) => embed::run(&arguments),
+        Command::Extract(arguments) => extract::run(&arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+        Command::Sample(arguments) => sample::run(&arguments),
+    };
+    outcome.unwrap_or_else(|Failure(text)| {
+        eprintln!("quadmark: {text}");
+        ExitCode::from(2)
+    })
+}
+
+/// On the command line the caller's own files are read: no limit but the machine's.
+fn limits() -> Limits {
+    Limits { max_vertices: 1 << 31, max_triangles: 1 << 31, max_bytes: usize::MAX }
+}
+
+fn parse_key(digits: &str) -> Result<MarkKey, WatermarkError> {
+    MarkKey::from_hex(digits)
+}
+
+fn parse_method(name: &str) -> Result<Method, WatermarkError> {
+    name.parse()
+}
+
+fn parse_modulation(name: &str) -> Result<Modulation, WatermarkError> {
+    name.parse()
+}
+
+fn parse_strength(text: &str) -> Result<Strength, String> {
+    let alpha: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    Strength::new(alpha).map_err(|error| error.to_string())
+}
+
+fn parse_bits(text: &str) -> Result<BitCount, String> {
+    let bits: u32 = text.parse().map_err(|_| format!("{text:?} is not a whole number"))?;
+    BitCount::new(bits).map_err(|error| error.to_string())
+}
