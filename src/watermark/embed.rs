@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::bins::{Frame, LEAST_COUNT, Lattice, norms};
 use super::extract::Reading;
+use super::fixed_point::FixedPoint;
 use super::placement::{PlacementSurface, radial};
 use super::power_map::power_map;
 use super::{Codeword, EmbedParams, Placement, WatermarkError};
@@ -31,6 +32,23 @@ const LEAST_MARGIN: f64 = 0.1;
 /// Share of a bin's shortfall that is added to its goal. Undamped corrections overshoot where
 /// vertices cross between bins.
 const DAMPING: f64 = 0.8;
+
+/// Goals are corrected only when the centre shifts by less than this share of a bin width:
+/// before that, a shortfall says more about the centre than about the bin.
+const SETTLED_SHIFT: f64 = 0.02;
+
+/// Longest step of the search for the centre, in bin widths.
+const LONGEST_STEP: f64 = 0.5;
+
+/// Rounds whose centre shifts by more than this share of a bin width are forgotten.
+const FAMILIAR_SHIFT: f64 = 0.03;
+
+/// How far a carrier may stray from the bin of the round before, in bin widths.
+const LOYALTY: f64 = 0.1;
+
+/// In the closed loop a moved vertex keeps this share of the bin's width away from its edges,
+/// so that a slight shift of the centre or a conversion cannot tip it over.
+const EDGE: f64 = 0.02;
 
 /// Bounds of a bin's goal, as multiples of the strength.
 const GOAL_RANGE: (f64, f64) = (0.8, 2.5);
@@ -104,20 +122,33 @@ pub fn embed(
 
     let alpha = params.strength.get();
     let mut goals = vec![alpha; codeword.bits().len()];
-    let mut centre = centre;
+    let width = host_frame.radial_extent() / codeword.bits().len() as f64;
+    let mut search = FixedPoint::new(centre, LONGEST_STEP * width);
+    let mut memory = BinMemory::default();
     let mut best: Option<Embedding> = None;
     for rounds in 1..=if params.closed_loop { MAX_ROUNDS } else { 1 } {
         if stop() {
             return Err(WatermarkError::Cancelled);
         }
-        let positions = passes.run(centre, &goals)?;
+        let positions = passes.run(search.at(), &goals, &mut memory)?;
         let carriers = passes.carriers_of(&positions);
-        centre = host.surface.centre_at(&carriers);
+        let centre = host.surface.centre_at(&carriers);
+        let shift = (centre - search.at()).length() / width;
+        search.learn(centre);
+        memory.trusted = shift <= FAMILIAR_SHIFT;
         let reading = passes
             .read(centre, &norms(&carriers, centre))
             .ok_or(WatermarkError::NoRadialExtent { vertices: carriers.len() })?;
         let (usable_bins, wrong, smallest_margin) = passes.judge(&reading);
-        passes.correct(&mut goals, &reading);
+        if shift <= SETTLED_SHIFT {
+            passes.correct(&mut goals, &reading);
+        }
+        if std::env::var_os("QM_DEBUG").is_some() {
+            eprintln!(
+                "round {rounds} usable {usable_bins} wrong {wrong} margin {smallest_margin:.5} shift/w {:.5}",
+                shift
+            );
+        }
         let round =
             Embedding { positions, host_frame, reading, rounds, usable_bins, smallest_margin };
         let better = best.as_ref().is_none_or(|best| smallest_margin > best.smallest_margin);
@@ -180,14 +211,19 @@ impl<'a> Passes<'a> {
     }
 
     /// One pass from the original mesh, about `centre`: modulate, place, round.
-    fn run(&self, centre: DVec3, goals: &[f64]) -> Result<Vec<DVec3>, WatermarkError> {
+    fn run(
+        &self,
+        centre: DVec3,
+        goals: &[f64],
+        memory: &mut BinMemory,
+    ) -> Result<Vec<DVec3>, WatermarkError> {
         let surface = self.host.surface;
         let rho = norms(&surface.positions, centre);
         let frame = Frame::spanning(centre, &rho);
         let bits = self.codeword.bit_count();
         let lattice = Lattice::new(&frame, self.codeword.lattice_class(), bits)
             .ok_or(WatermarkError::NoRadialExtent { vertices: rho.len() })?;
-        let new_rho = self.modulate(&rho, &lattice, goals);
+        let new_rho = self.modulate(&rho, &lattice, goals, memory);
         let place = |carrier: usize, v: DVec3| {
             let (rho, new_rho) = (rho[carrier], new_rho[carrier]);
             if rho.to_bits() == new_rho.to_bits() {
@@ -219,8 +255,17 @@ impl<'a> Passes<'a> {
 
     /// New norms: each bin's statistic is moved to its goal on the side of its bit. In the
     /// closed loop a bin that is already beyond its goal on the right side is left alone.
-    fn modulate(&self, rho: &[f64], lattice: &Lattice, goals: &[f64]) -> Vec<f64> {
-        let sorted = SortedByBin::new(rho, lattice, &self.fixed);
+    fn modulate(
+        &self,
+        rho: &[f64],
+        lattice: &Lattice,
+        goals: &[f64],
+        memory: &mut BinMemory,
+    ) -> Vec<f64> {
+        let sorted = SortedByBin::new(rho, lattice, &self.fixed, memory);
+        if self.params.closed_loop {
+            memory.keep(&sorted, rho.len());
+        }
         let modulation = self.params.method.modulation();
         let neutral = modulation.neutral();
         let (mut places, mut logs) = (sorted.places.clone(), vec![0.0; sorted.places.len()]);
@@ -245,10 +290,14 @@ impl<'a> Passes<'a> {
                 true
             })
             .collect();
+        let edge = if self.params.closed_loop { EDGE } else { 0.0 };
         let mut new_rho = rho.to_vec();
-        for bin in (0..lattice.bins).filter(|&bin| moved[bin]) {
+        for bin in 0..lattice.bins {
             for k in sorted.range(bin) {
-                new_rho[sorted.carriers[k] as usize] = lattice.norm_at(bin, places[k]);
+                let (t, carrier) = (places[k], sorted.carriers[k] as usize);
+                if moved[bin] || t != sorted.places[k] || sorted.strayed[k] {
+                    new_rho[carrier] = lattice.norm_at(bin, t.clamp(edge, 1.0 - edge));
+                }
             }
         }
         new_rho
@@ -340,39 +389,103 @@ impl<'a> Passes<'a> {
     }
 }
 
+/// Which bin each carrier belonged to in the round before.
+///
+/// Where norms crowd at a bin's edge, the least step of the centre tips many of them into the
+/// next bin and the loop never settles. A carrier therefore stays with its bin until it has
+/// strayed from it by more than [`LOYALTY`].
+#[derive(Default)]
+struct BinMemory {
+    bins: Vec<u16>,
+    /// Whether the centre was near enough for the round before to be worth remembering.
+    trusted: bool,
+}
+
+/// A carrier outside the lattice.
+const NO_BIN: u16 = u16::MAX;
+
+impl BinMemory {
+    fn keep(&mut self, sorted: &SortedByBin, carriers: usize) {
+        self.bins.clear();
+        self.bins.resize(carriers, NO_BIN);
+        for bin in 0..sorted.starts.len() - 1 {
+            for &carrier in &sorted.carriers[sorted.range(bin)] {
+                self.bins[carrier as usize] = u16::try_from(bin).unwrap_or(NO_BIN);
+            }
+        }
+    }
+
+    /// The carrier's bin and place: the remembered bin while it is near, else its own.
+    fn locate(&self, carrier: usize, rho: f64, lattice: &Lattice) -> Option<Located> {
+        let own = || lattice.locate(rho).map(|(bin, t)| Located { bin, t, strayed: false });
+        let Some(&bin) = self.bins.get(carrier).filter(|_| self.trusted) else { return own() };
+        if bin == NO_BIN {
+            // Outside the lattice, and near it.
+            let into = (rho - lattice.start) / lattice.width;
+            let near = into < LOYALTY || into > lattice.bins as f64 - LOYALTY;
+            return if near { None } else { own() };
+        }
+        let bin = usize::from(bin);
+        let t = (rho - lattice.norm_at(bin, 0.0)) / lattice.width;
+        if !(-LOYALTY..1.0 + LOYALTY).contains(&t) {
+            return own();
+        }
+        let strayed = !(0.0..1.0).contains(&t);
+        Some(Located { bin, t: t.clamp(0.0, 1.0 - f64::EPSILON), strayed })
+    }
+}
+
+/// Where a carrier is.
+#[derive(Clone, Copy)]
+struct Located {
+    bin: usize,
+    t: f64,
+    /// It really lies beyond the bin's edge.
+    strayed: bool,
+}
+
 /// Movable carriers in the lattice, sorted by bin (a counting sort, stable by carrier).
 struct SortedByBin {
     starts: Vec<usize>,
     carriers: Vec<u32>,
     places: Vec<f64>,
+    strayed: Vec<bool>,
 }
 
 impl SortedByBin {
-    fn new(rho: &[f64], lattice: &Lattice, fixed: &[bool]) -> Self {
-        let located: Vec<Option<(usize, f64)>> = rho
+    fn new(rho: &[f64], lattice: &Lattice, fixed: &[bool], memory: &BinMemory) -> Self {
+        let located: Vec<Option<Located>> = rho
             .par_iter()
             .zip(fixed)
+            .enumerate()
             .with_min_len(16_384)
-            .map(|(&rho, &fixed)| if fixed { None } else { lattice.locate(rho) })
+            .map(
+                |(carrier, (&rho, &fixed))| {
+                    if fixed { None } else { memory.locate(carrier, rho, lattice) }
+                },
+            )
             .collect();
         let mut starts = vec![0_usize; lattice.bins + 1];
-        for (bin, _) in located.iter().flatten() {
-            starts[bin + 1] += 1;
+        for located in located.iter().flatten() {
+            starts[located.bin + 1] += 1;
         }
         for bin in 0..lattice.bins {
             starts[bin + 1] += starts[bin];
         }
         let total = starts[lattice.bins];
         let (mut carriers, mut places) = (vec![0_u32; total], vec![0.0; total]);
+        let mut strayed = vec![false; total];
         let mut next = starts.clone();
-        for (carrier, place) in (0_u32..).zip(located) {
-            if let Some((bin, t)) = place {
-                carriers[next[bin]] = carrier;
-                places[next[bin]] = t;
-                next[bin] += 1;
+        for (carrier, located) in (0_u32..).zip(located) {
+            if let Some(located) = located {
+                let slot = &mut next[located.bin];
+                carriers[*slot] = carrier;
+                places[*slot] = located.t;
+                strayed[*slot] = located.strayed;
+                *slot += 1;
             }
         }
-        Self { starts, carriers, places }
+        Self { starts, carriers, places, strayed }
     }
 
     fn range(&self, bin: usize) -> std::ops::Range<usize> {

@@ -9,6 +9,7 @@ mod detect;
 mod embed;
 mod error;
 mod extract;
+mod fixed_point;
 mod index;
 mod params;
 mod placement;
