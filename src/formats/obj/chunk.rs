@@ -3,9 +3,10 @@
 
 use glam::DVec3;
 
-use super::corner::{Corner, NoCorner, corner};
+use super::corner::{Corner, corner};
 use super::cursor::{Cursor, Statement};
-use super::number::{NoCoordinate, coordinate};
+use super::fault::{Cause, Fault};
+use super::number::coordinate;
 
 /// What one chunk holds. Beyond the caller's caps it is counted but not kept.
 #[derive(Debug, Default)]
@@ -27,44 +28,21 @@ pub(super) struct Caps {
     pub(super) triangles: usize,
 }
 
-/// A line that cannot be read.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Fault {
-    /// A byte offset; the line number is counted only when it is needed.
-    pub(super) offset: usize,
-    pub(super) cause: Cause,
-}
-
-/// Why it cannot.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Cause {
-    Malformed(String),
-    NonFinite,
-}
-
 impl Chunk {
     /// Parses the chunk `text`, which starts at byte `start` of the file.
     pub(super) fn parse(text: &[u8], start: usize, caps: Caps) -> Result<Self, Fault> {
         let mut chunk = Self::default();
         let mut cursor = Cursor::new(text, 0);
-        let parsed = loop {
-            let statement_at = cursor.offset();
-            let Some(statement) = cursor.statement() else { break Ok(()) };
+        while let Some(statement) = cursor.statement() {
             let parsed = match statement {
                 Statement::Vertex => chunk.vertex(&mut cursor, start, caps),
                 Statement::Face => chunk.face(&mut cursor, caps),
                 Statement::Other => Ok(()),
             };
-            if parsed.is_err() {
-                break parsed;
-            }
-            debug_assert!(cursor.offset() >= statement_at);
+            parsed.map_err(|fault| Fault { offset: start + fault.offset, ..fault })?;
             cursor.skip_line();
-        };
-        match parsed {
-            Ok(()) => Ok(chunk),
-            Err(fault) => Err(Fault { offset: start + fault.offset, ..fault }),
         }
+        Ok(chunk)
     }
 
     /// The first three numbers; a weight or a colour behind them is left alone.
@@ -74,19 +52,8 @@ impl Chunk {
         let mut position = [0.0; 3];
         let mut first = None;
         for (found, slot) in position.iter_mut().enumerate() {
-            let read = coordinate(cursor).map_err(|problem| match problem {
-                NoCoordinate::Missing => malformed(
-                    keyword,
-                    format!("a vertex needs three numbers, as in `v 1.0 2.0 3.0`; found {found}"),
-                ),
-                NoCoordinate::Junk { start } => malformed(
-                    start,
-                    format!(
-                        "`{}` is not a number; a vertex needs three, as in `v 1.0 2.0 3.0`",
-                        shown(cursor.text(), start)
-                    ),
-                ),
-            })?;
+            let read = coordinate(cursor)
+                .map_err(|problem| Fault::number(problem, found, keyword, cursor.text()))?;
             if !read.value.is_finite() {
                 return Err(Fault { offset: read.start, cause: Cause::NonFinite });
             }
@@ -128,73 +95,7 @@ impl Chunk {
     #[inline]
     fn next_corner(&self, cursor: &mut Cursor<'_>) -> Result<Option<Corner>, Fault> {
         let Some(read) = corner(cursor, self.vertex_count) else { return Ok(None) };
-        read.map(Some).map_err(|problem| {
-            let start = token_start(cursor);
-            let token = shown(cursor.text(), start);
-            let reason = match problem {
-                NoCorner::Zero => {
-                    format!("`{token}` names vertex 0, but vertices are counted from 1 (or from -1 backwards)")
-                }
-                NoCorner::NotAnInteger => {
-                    format!("`{token}` is not a face corner; expected a vertex number, as in `7`, `7/2`, `7//3` or `-1`")
-                }
-            };
-            malformed(start, reason)
-        })
-    }
-}
-
-/// The first corner that names no vertex, in a chunk that is known to have one. Reads the text
-/// again: where each face stands is not remembered, because it is asked only once per bad file.
-pub(super) fn find_unresolved(text: &[u8], start: usize, before: u32, total: u32) -> Option<Fault> {
-    let mut cursor = Cursor::new(text, 0);
-    let mut vertices = 0;
-    while let Some(statement) = cursor.statement() {
-        match statement {
-            Statement::Vertex => vertices += 1,
-            Statement::Face => {
-                let mut corners = 0;
-                let mut unresolved = None;
-                while let Some(Ok(corner)) = corner(&mut cursor, vertices) {
-                    corners += 1;
-                    if unresolved.is_none() && corner.resolve(before, total).is_none() {
-                        unresolved = Some(token_start(&cursor));
-                    }
-                }
-                if let Some(at) = unresolved.filter(|_| corners > 2) {
-                    let so_far = vertices as u64 + u64::from(before);
-                    let reason = format!(
-                        "`{}` names no vertex: {so_far} stand above this line, {total} in the whole file",
-                        shown(text, at)
-                    );
-                    return Some(malformed(start + at, reason));
-                }
-            }
-            Statement::Other => {}
-        }
-        cursor.skip_line();
-    }
-    None
-}
-
-fn malformed(offset: usize, reason: String) -> Fault {
-    Fault { offset, cause: Cause::Malformed(reason) }
-}
-
-/// Where the token that ends at the cursor starts.
-fn token_start(cursor: &Cursor<'_>) -> usize {
-    let before = cursor.text().get(..cursor.offset()).unwrap_or_default();
-    let blank = |&byte: &u8| matches!(byte, b' ' | b'\t' | 0x0b | 0x0c | b'\n' | b'\r');
-    before.iter().rposition(blank).map_or(0, |blank| blank + 1)
-}
-
-/// The token at `start`, fit for an error message: printable and short.
-fn shown(text: &[u8], start: usize) -> String {
-    const LONGEST: usize = 40;
-    let token = Cursor::new(text, start).token().unwrap_or_default();
-    match token.get(..LONGEST) {
-        Some(head) => format!("{}...", head.escape_ascii()),
-        None => token.escape_ascii().to_string(),
+        read.map(Some).map_err(|problem| Fault::corner(problem, cursor))
     }
 }
 
@@ -277,16 +178,5 @@ mod tests {
         let chunk = Chunk::parse(text, 0, Caps { vertices: 2, triangles: 1 }).unwrap();
         assert_eq!((chunk.vertex_count, chunk.positions.len(), chunk.offsets.len()), (3, 2, 2));
         assert_eq!((chunk.triangle_count, chunk.triangles.len()), (4, 1));
-    }
-
-    #[test]
-    fn the_first_unresolved_corner_is_found() {
-        let text = b"f 1 9\nv 1 2 3\nf 1 2 -4\nf 1 2 -5";
-        let fault = find_unresolved(text, 100, 3, 4).unwrap();
-        assert_eq!(fault.offset, 129);
-        assert!(
-            matches!(fault.cause, Cause::Malformed(reason) if reason.contains("`-5` names no"))
-        );
-        assert_eq!(find_unresolved(text, 100, 4, 5), None);
     }
 }

@@ -2,8 +2,9 @@
 //! stand in the bytes.
 //!
 //! Reading order: `cursor` (logical lines and tokens), `number` (one coordinate), `corner` (one
-//! face index), `chunk` (a stretch of whole lines), `parse` (all stretches, in parallel),
-//! `precision` (how a moved coordinate is rounded and spelled), `layout` (patching the bytes).
+//! face index), `fault` (what is wrong with a line), `chunk` (a stretch of whole lines), `parse`
+//! (all stretches, in parallel), `precision` (how a moved coordinate is rounded and spelled),
+//! `layout` (patching the bytes).
 //!
 //! Nothing here must know about watermarks or other formats, and no file that an OBJ names
 //! (`mtllib`, `call`, `maplib`) is ever opened.
@@ -11,6 +12,7 @@
 mod chunk;
 mod corner;
 mod cursor;
+mod fault;
 mod layout;
 mod number;
 mod parse;

@@ -10,9 +10,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::{FormatError, Limits};
-use super::chunk::{Caps, Cause, Chunk, Fault, find_unresolved};
+use super::chunk::{Caps, Chunk};
 use super::corner::{Corner, MOST_VERTICES};
 use super::cursor::{line_number, next_boundary};
+use super::fault::{Cause, Fault, find_unresolved};
 
 /// What a file holds, not yet checked to be a mesh.
 #[derive(Debug, PartialEq)]

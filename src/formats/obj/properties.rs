@@ -7,6 +7,7 @@ use proptest::sample::{Index, select};
 
 use super::super::{Asset, FormatError, Limits};
 use super::{read, read_in_chunks};
+use crate::mesh::Mesh;
 
 /// A line that is not a vertex or a face, separators between words not included.
 const OTHER_LINES: &[&str] = &[
@@ -214,7 +215,7 @@ proptest! {
             bytes[at] = byte;
         }
         let limits = Limits { max_vertices: 20, max_triangles: 20, ..Limits::default() };
-        let answer = |result: Result<(crate::mesh::Mesh, _), FormatError>| result.map(|(mesh, _)| mesh);
+        let answer = |result: Result<(Mesh, _), FormatError>| result.map(|(mesh, _)| mesh);
         let whole = answer(read(&bytes, &limits));
         prop_assert_eq!(whole, answer(read_in_chunks(&bytes, &limits, chunk_bytes)));
         if let Ok(asset) = Asset::read(&bytes, &limits) {
