@@ -107,12 +107,12 @@ pub(super) fn span(
 }
 
 /// Looks an accessor up and refuses counts that no file of this size can mean.
-pub(super) fn get<'d>(
-    document: &'d Document,
+pub(super) fn get(
+    document: &Document,
     index: usize,
     named_by: impl FnOnce() -> String,
     file_bytes: usize,
-) -> Result<&'d Accessor, FormatError> {
+) -> Result<&Accessor, FormatError> {
     let accessor = document
         .accessors
         .get(index)
@@ -161,10 +161,10 @@ pub(super) fn index_bytes(
 pub(super) fn index_at(bytes: &[u8], span: &Span, element: usize) -> Option<u32> {
     let at = span.offset(element);
     let raw = bytes.get(at..at.checked_add(span.size)?)?;
-    match raw {
-        &[a] => Some(u32::from(a)),
-        &[a, b] => Some(u32::from(u16::from_le_bytes([a, b]))),
-        &[a, b, c, d] => Some(u32::from_le_bytes([a, b, c, d])),
+    match *raw {
+        [a] => Some(u32::from(a)),
+        [a, b] => Some(u32::from(u16::from_le_bytes([a, b]))),
+        [a, b, c, d] => Some(u32::from_le_bytes([a, b, c, d])),
         _ => None,
     }
 }

@@ -121,7 +121,8 @@ mod tests {
 
     #[test]
     fn finds_json_and_bin_among_other_chunks() {
-        let cases: [(&[(u32, &[u8])], &[u8], &str, Option<&[u8]>); 5] = [
+        type Row<'a> = (&'a [(u32, &'a [u8])], &'a [u8], &'a str, Option<&'a [u8]>);
+        let cases: [Row; 5] = [
             (&[(JSON_CHUNK, b"{}")], b"", "{}", None),
             (&[(JSON_CHUNK, b"{}  ")], b"after", "{}", None),
             (&[(JSON_CHUNK, b"{}\0\0"), (BIN_CHUNK, b"abcd")], b"", "{}", Some(b"abcd")),

@@ -3,6 +3,7 @@
 //! Everything else is ignored here and kept in the file: nothing is ever written from these
 //! structures. Duplicate keys of the parts read here are errors, so that no two readers can
 //! see two different files in one.
+#![expect(clippy::zero_sized_map_values, reason = "only the names of extensions matter")]
 
 use std::collections::BTreeMap;
 
@@ -185,7 +186,11 @@ pub(super) fn parse(json: &[u8]) -> Result<Document, FormatError> {
         }
         let path = error.path().to_string();
         let path = if path == "." { "JSON".to_owned() } else { path };
-        malformed(path, error.into_inner().to_string())
+        let mut reason = error.into_inner().to_string();
+        if reason.contains("map, expected a sequence") {
+            reason.push_str("; if this is glTF 1.0, export the asset as glTF 2.0");
+        }
+        malformed(path, reason)
     })?;
     reader.end().map_err(|error| malformed("JSON", error.to_string()))?;
     version(&document.asset).map_or(Ok(document), Err)

@@ -88,13 +88,12 @@ pub(super) fn triangles(
             }
             // Every other triangle of a strip is wound the other way round.
             Mode::Strip => {
-                triangles.extend(corners.windows(3).enumerate().filter_map(|(i, corners)| {
-                    match *corners {
-                        [a, b, c] if i % 2 == 0 => Some([a, b, c]),
-                        [a, b, c] => Some([a, c, b]),
-                        _ => None,
-                    }
-                }))
+                let turned = |(i, corners): (usize, &[u32])| match *corners {
+                    [a, b, c] if i % 2 == 0 => Some([a, b, c]),
+                    [a, b, c] => Some([a, c, b]),
+                    _ => None,
+                };
+                triangles.extend(corners.windows(3).enumerate().filter_map(turned));
             }
             Mode::Fan => {
                 let Some((&hub, rim)) = corners.split_first() else { continue };

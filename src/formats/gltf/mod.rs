@@ -10,9 +10,10 @@
 //! - `scene`: which meshes, where; `carrier`: position blocks and primitives;
 //! - `overlap`: refuses layouts that cannot be patched; `geometry`: positions and triangles;
 //! - `transform`: the arithmetic that reading and writing share;
-//! - `json_spans`, `write`: patching.
+//! - `json_spans`, `write`, `assemble`: patching.
 
 mod accessors;
+mod assemble;
 mod buffers;
 mod carrier;
 mod container;
@@ -22,8 +23,6 @@ mod geometry;
 mod json_spans;
 mod overlap;
 mod scene;
-#[cfg(test)]
-mod test_documents;
 #[cfg(test)]
 mod tests;
 mod transform;

@@ -131,7 +131,8 @@ pub(super) fn cases() -> Vec<Case> {
         let mut case = indexed();
         case.name = name;
         case.json.truncate(case.json.len() - 1);
-        case.json += &format!(r#","nodes":[{node}],"scenes":[{{"nodes":[0]}}],"scene":0}}"#);
+        let scene = r#""scenes":[{"nodes":[0]}],"scene":0}"#;
+        case.json.push_str(&[",\"nodes\":[", node, "],", scene].concat());
         case
     };
     let interleaved: Vec<u8> = POINTS.iter().flat_map(|p| floats(&[*p, [0.0, 0.6, 0.8]])).collect();
@@ -209,10 +210,7 @@ pub(super) fn cases() -> Vec<Case> {
             (10, 2),
             &[&points, &points],
             r#"{"buffer":0,"byteLength":60},{"buffer":1,"byteLength":60}"#,
-            &format!(
-                r#"{position},{}"#,
-                position.replace(r#""bufferView":0"#, r#""bufferView":1"#)
-            ),
+            &format!("{position},{}", position.replace(r#""bufferView":0"#, r#""bufferView":1"#)),
             r#""meshes":[{"primitives":[{"attributes":{"POSITION":0}},{"attributes":{"POSITION":1}}]}]"#,
         ),
         case(

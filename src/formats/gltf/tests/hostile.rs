@@ -1,0 +1,207 @@
+//! Malformed, truncated and corrupt files: an error that helps, or an exact round trip.
+
+use proptest::prelude::*;
+
+use super::documents::{cases, floats, indexed};
+use super::{bits, nudged, open};
+use crate::formats::gltf::{Layout, read};
+use crate::formats::{Format, FormatError, Limits};
+use crate::mesh::Mesh;
+
+#[test]
+fn what_cannot_be_written_is_refused() {
+    let bytes = indexed().glb();
+    let (mesh, layout) = open(&bytes, Format::Glb).unwrap();
+    let mut wild = mesh.positions().to_vec();
+    for bad in [f64::NAN, f64::INFINITY, 1e39] {
+        wild[3].y = bad;
+        assert!(matches!(layout.write(&bytes, &mesh, &wild), Err(FormatError::ReadBack { .. })));
+        let mut rounded = wild.clone();
+        layout.round(&mesh, &mut rounded);
+        assert_eq!(rounded, mesh.positions());
+    }
+    let few = &mesh.positions()[1..];
+    assert!(matches!(layout.write(&bytes, &mesh, few), Err(FormatError::ReadBack { .. })));
+    let mut other = bytes.clone();
+    let at = layout.container.bin.clone().unwrap().start + 5;
+    other[at] ^= 0x40;
+    for host in [&bytes[1..], &other] {
+        let positions = mesh.positions();
+        assert!(matches!(layout.write(host, &mesh, positions), Err(FormatError::ReadBack { .. })));
+    }
+}
+
+/// Replaces text in the JSON of the plain document.
+fn altered(from: &str, to: &str) -> Result<(Mesh, Layout), FormatError> {
+    let mut case = indexed();
+    assert!(case.json.contains(from), "{from}");
+    case.json = case.json.replacen(from, to, 1);
+    open(&case.glb(), Format::Glb)
+}
+
+#[test]
+fn malformed_documents_name_the_path() {
+    let accessor = r#""componentType":5126,"count":5"#;
+    for (from, to, expected) in [
+        (r#""count":5"#, r#""count":0"#, "accessors[0].count"),
+        (r#""count":5"#, r#""count":6"#, "accessors[0]"),
+        (r#""count":5"#, r#""count":18446744073709551615"#, "accessors[0]"),
+        (r#""count":5"#, r#""count":4"#, "accessors[1]"),
+        (r#""count":5"#, r#""count":5,"byteOffset":18446744073709551615"#, "accessors[0]"),
+        (
+            r#""bufferView":0,"componentType":5126,"count":5"#,
+            r#""componentType":5126,"count":40000000"#,
+            "accessors[0].count",
+        ),
+        (r#""bufferView":0"#, r#""bufferView":9"#, "accessors[0].bufferView"),
+        (r#""type":"VEC3""#, r#""type":"VEC2""#, "accessors[0].type"),
+        (accessor, r#""componentType":77,"count":5"#, "accessors[0].componentType"),
+        (r#""componentType":5123"#, r#""componentType":5122"#, "accessors[1].componentType"),
+        (r#""type":"SCALAR""#, r#""type":"VEC2""#, "accessors[1].type"),
+        (r#""byteLength":60"#, r#""byteLength":60,"byteStride":8"#, "bufferViews[0].byteStride"),
+        (r#""byteLength":60"#, r#""byteLength":6000"#, "bufferViews[0]"),
+        (
+            r#""byteLength":60"#,
+            r#""byteLength":60,"byteOffset":18446744073709551600"#,
+            "bufferViews[0]",
+        ),
+        (r#""buffer":0"#, r#""buffer":3"#, "buffers[3]"),
+        (r#""POSITION":0"#, r#""POSITION":5"#, "meshes[0].primitives[0].attributes.POSITION"),
+        (r#""indices":1"#, r#""indices":5"#, "meshes[0].primitives[0].indices"),
+        (r#""indices":1"#, r#""indices":1,"mode":7"#, "meshes[0].primitives[0].mode"),
+        (r#""indices":1"#, r#""indices":"1""#, "meshes[0].primitives[0].indices"),
+        ("@BUFFERS@", r#"[{"byteLength":9999}]"#, "buffers[0].byteLength"),
+        ("@BUFFERS@", r#"[{"byteLength":84,"uri":"data:;base64,!"}]"#, "buffers[0].uri"),
+    ] {
+        match altered(from, to) {
+            Err(FormatError::MalformedGltf { path, reason }) => {
+                assert_eq!(path, expected, "{to}: {reason}");
+            }
+            other => panic!("{to}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn refusals_have_their_own_variants() {
+    let draco = r#""indices":1,"extensions":{"KHR_draco_mesh_compression":{}}"#;
+    let meshopt = r#""byteLength":60,"extensions":{"EXT_meshopt_compression":{}}"#;
+    for (from, to, expected) in [
+        (
+            r#""buffers":"#,
+            r#""extensionsRequired":["KHR_mesh_quantization"],"buffers":"#,
+            "KHR_mesh_quantization",
+        ),
+        (
+            r#""buffers":"#,
+            r#""extensionsRequired":["KHR_draco_mesh_compression"],"buffers":"#,
+            "KHR_draco_mesh_compression",
+        ),
+        (r#""componentType":5126"#, r#""componentType":5122"#, "KHR_mesh_quantization"),
+        (r#""indices":1"#, draco, "KHR_draco_mesh_compression"),
+        (r#""byteLength":60"#, meshopt, "EXT_meshopt_compression"),
+    ] {
+        match altered(from, to) {
+            Err(FormatError::UnsupportedExtension { extension, advice }) => {
+                assert_eq!(extension, expected);
+                assert!(advice.contains("first"));
+            }
+            other => panic!("{to}: {other:?}"),
+        }
+    }
+    assert_eq!(
+        altered("@BUFFERS@", r#"[{"byteLength":84,"uri":"../../etc/passwd"}]"#).unwrap_err(),
+        FormatError::ExternalBuffer { buffer: 0, uri: "../../etc/passwd".to_owned() }
+    );
+    assert_eq!(altered(r#""indices":1"#, r#""mode":1"#).unwrap_err(), FormatError::NoTriangles);
+    let normal = altered(r#""POSITION":0"#, r#""POSITION":0,"NORMAL":0"#);
+    assert!(matches!(normal, Err(FormatError::CannotPatch { .. })), "{normal:?}");
+    let limits = Limits { max_vertices: 4, ..Limits::default() };
+    let error = read(&indexed().glb(), Format::Glb, &limits).unwrap_err();
+    assert_eq!(error, FormatError::TooLarge { what: "vertices", count: 5, limit: 4 });
+    let limits = Limits { max_triangles: 3, ..Limits::default() };
+    let error = read(&indexed().glb(), Format::Glb, &limits).unwrap_err();
+    assert_eq!(error, FormatError::TooLarge { what: "triangles", count: 4, limit: 3 });
+    let mut case = indexed();
+    case.buffers[0].splice(0..12, floats(&[[1.0, f32::NAN, 0.0]]));
+    let error = open(&case.glb(), Format::Glb).unwrap_err();
+    assert_eq!(error, FormatError::NonFiniteVertex { place: "accessors[0], element 0".to_owned() });
+}
+
+#[test]
+fn truncated_at_every_length() {
+    for case in cases() {
+        let file = case.glb();
+        for length in 0..file.len() {
+            assert!(open(&file[..length], Format::Glb).is_err(), "{} at {length}", case.name);
+        }
+    }
+}
+
+/// Whatever reads must round, write and read again.
+fn survives(bytes: &[u8], format: Format) {
+    let limits = Limits { max_vertices: 10_000, max_triangles: 10_000, max_bytes: 1 << 20 };
+    let Ok((mesh, layout)) = read(bytes, format, &limits) else { return };
+    let positions = nudged(&layout, &mesh, 0.01);
+    let written = layout.write(bytes, &mesh, &positions).unwrap();
+    let (back, _) = read(&written, format, &limits).unwrap();
+    assert_eq!(bits(back.positions()), bits(&positions));
+}
+
+#[test]
+fn every_corrupt_byte_is_survived() {
+    for case in cases() {
+        let (glb, gltf) = (case.glb(), case.gltf());
+        for (file, format) in [(glb, Format::Glb), (gltf, Format::Gltf)] {
+            for at in 0..file.len() {
+                for flip in [0x01, 0x10, 0x80, 0xFF] {
+                    let mut bad = file.clone();
+                    bad[at] ^= flip;
+                    survives(&bad, format);
+                }
+            }
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn arbitrary_fragments_are_survived(
+        which in 0_usize..15,
+        at in any::<proptest::sample::Index>(),
+        remove in 0_usize..30,
+        text in r#"([\[\]{}",:0-9.e+-]|null|"count"|"children"|"sparse"|"matrix"|"byteStride"|18446744073709551615){0,8}"#,
+    ) {
+        let mut case = cases().swap_remove(which);
+        let from = at.index(case.json.len());
+        let to = (from + remove).min(case.json.len());
+        if case.json.is_char_boundary(from) && case.json.is_char_boundary(to) {
+            case.json.replace_range(from..to, &text);
+        }
+        survives(&case.glb(), Format::Glb);
+        survives(&case.gltf(), Format::Gltf);
+    }
+
+    #[test]
+    fn arbitrary_numbers_are_survived(which in 0_usize..15, nth in 0_usize..60, new in any::<u64>(), small in 0_u64..200) {
+        for value in [new, small] {
+            let mut case = cases().swap_remove(which);
+            let digits: Vec<(usize, char)> =
+                case.json.char_indices().filter(|(_, c)| c.is_ascii_digit()).collect();
+            let at = digits[nth % digits.len()].0;
+            case.json.replace_range(at..=at, &value.to_string());
+            survives(&case.glb(), Format::Glb);
+        }
+    }
+
+    #[test]
+    fn arbitrary_floats_are_survived(which in 0_usize..15, words in proptest::collection::vec(any::<u32>(), 15), exponent in 0_u32..255) {
+        // Half of all bit patterns are far too large or small for a mesh; keep some in range.
+        for words in [words.clone(), words.iter().map(|w| w & 0x807F_FFFF | exponent << 23).collect()] {
+            let mut case = cases().swap_remove(which);
+            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            case.buffers[0][..60].copy_from_slice(&bytes);
+            survives(&case.glb(), Format::Glb);
+        }
+    }
+}
