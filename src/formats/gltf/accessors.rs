@@ -89,7 +89,7 @@ pub(super) fn span(
         return Err(malformed(
             part.path(accessor),
             format!(
-                "{count} elements at offset {offset} do not fit the {} bytes of bufferViews[{index}]",
+                "{count} elements at offset {offset} do not fit bufferViews[{index}] of {} bytes",
                 view.byte_length
             ),
         ));

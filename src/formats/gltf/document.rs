@@ -185,9 +185,11 @@ pub(super) fn parse(json: &[u8]) -> Result<Document, FormatError> {
             return old;
         }
         let path = error.path().to_string();
-        let path = if path == "." { "JSON".to_owned() } else { path };
+        // A document that is no JSON at all has no path.
+        let path = if path == "." || path == "?" { "JSON".to_owned() } else { path };
         let mut reason = error.into_inner().to_string();
-        if reason.contains("map, expected a sequence") {
+        reason = reason.replace("expected usize", "expected a whole number from 0 on");
+        if !path.contains('.') && reason.contains("map, expected a sequence") {
             reason.push_str("; if this is glTF 1.0, export the asset as glTF 2.0");
         }
         malformed(path, reason)
@@ -232,6 +234,8 @@ mod tests {
         for (json, expected) in [
             ("", "JSON"),
             ("[]", "JSON"),
+            ("{5:6}", "JSON"),
+            (r#"{"asset":{},"accessors":{}}"#, "asset"),
             ("{}", "JSON"),
             (r#"{"asset":{"version":"1.0"},"accessors":{}}"#, "asset.version"),
             (r#"{"asset":{"version":"3.0"}}"#, "asset.version"),

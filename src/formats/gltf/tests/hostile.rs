@@ -183,7 +183,9 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_numbers_are_survived(which in 0_usize..15, nth in 0_usize..60, new in any::<u64>(), small in 0_u64..200) {
+    fn arbitrary_numbers_are_survived(
+        which in 0_usize..15, nth in 0_usize..60, new in any::<u64>(), small in 0_u64..200,
+    ) {
         for value in [new, small] {
             let mut case = cases().swap_remove(which);
             let digits: Vec<(usize, char)> =
@@ -195,7 +197,11 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_floats_are_survived(which in 0_usize..15, words in proptest::collection::vec(any::<u32>(), 15), exponent in 0_u32..255) {
+    fn arbitrary_floats_are_survived(
+        which in 0_usize..15,
+        words in proptest::collection::vec(any::<u32>(), 15),
+        exponent in 0_u32..255,
+    ) {
         // Half of all bit patterns are far too large or small for a mesh; keep some in range.
         for words in [words.clone(), words.iter().map(|w| w & 0x807F_FFFF | exponent << 23).collect()] {
             let mut case = cases().swap_remove(which);
