@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use quadmark::formats::Asset;
-use quadmark::mesh::distortion::distortion;
+use quadmark::mesh::distortion::{SAMPLES_PER_KIND, distortion};
 use quadmark::mesh::surface::Surface;
 use serde_json::json;
 
@@ -16,6 +16,9 @@ pub(super) struct Arguments {
     first: PathBuf,
     /// The second file.
     second: PathBuf,
+    /// Samples on edges, and in triangles, beside all vertices. 0 measures at the vertices alone.
+    #[arg(long, default_value_t = SAMPLES_PER_KIND)]
+    samples: usize,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -27,7 +30,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     };
     let (first, second) = (surface(&arguments.first)?, surface(&arguments.second)?);
     let no_surface = || Failure("one of the files has no triangle with an area".into());
-    let measured = distortion(&first, &second).ok_or_else(no_surface)?;
+    let measured = distortion(&first, &second, arguments.samples).ok_or_else(no_surface)?;
     let relative = |length: f64| length / measured.diagonal;
     if arguments.json {
         files::print_json(&json!({

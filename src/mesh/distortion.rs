@@ -1,7 +1,11 @@
 //! How far two surfaces are apart, as Metro measures it (Cignoni et al. 1998, the paper's [20]).
 //!
-//! Samples are the vertices of one surface, their distances are to the closest point of the
-//! other; root mean square and maximum are taken in both directions and the larger is reported.
+//! Samples are the vertices of one surface, points on its edges and points in its triangles, all
+//! with equal weight; their distances are to the closest point of the other surface. Root mean
+//! square and maximum are taken in both directions and the larger is reported. With vertices
+//! alone (`per_kind` 0, the default of `MeshLab`'s filter) the root mean square of a watermark
+//! comes out up to 1.5 times larger, since it is the vertices that were moved; the paper's
+//! figures are only reproduced with edges and triangles sampled too.
 
 use glam::DVec3;
 use parry3d_f64::math::Vector;
@@ -9,6 +13,7 @@ use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
 use rayon::prelude::*;
 
+use super::sampling::samples;
 use super::surface::Surface;
 
 /// Distances between two surfaces, in the meshes' own unit.
@@ -22,13 +27,18 @@ pub struct Distortion {
     pub diagonal: f64,
 }
 
-/// Measures `a` against `b` and `b` against `a`.
+/// Samples per kind that suffice: on the Stanford bunny the next doubling changes MRMS by less
+/// than 2 %.
+pub const SAMPLES_PER_KIND: usize = 500_000;
+
+/// Measures `a` against `b` and `b` against `a` with all vertices and `per_kind` samples on edges
+/// and in triangles each.
 ///
 /// Returns `None` when one of the surfaces has no triangle.
 #[must_use]
-pub fn distortion(a: &Surface, b: &Surface) -> Option<Distortion> {
-    let (there_rms, there_max) = one_sided(&a.positions, b)?;
-    let (back_rms, back_max) = one_sided(&b.positions, a)?;
+pub fn distortion(a: &Surface, b: &Surface, per_kind: usize) -> Option<Distortion> {
+    let (there_rms, there_max) = one_sided(&samples(a, per_kind), b)?;
+    let (back_rms, back_max) = one_sided(&samples(b, per_kind), a)?;
     Some(Distortion {
         mrms: there_rms.max(back_rms),
         hausdorff: there_max.max(back_max),
@@ -41,7 +51,7 @@ fn vector(p: DVec3) -> Vector {
 }
 
 /// Root mean square and maximum of the samples' distances to the surface.
-fn one_sided(samples: &[DVec3], surface: &Surface) -> Option<(f64, f64)> {
+pub(super) fn one_sided(samples: &[DVec3], surface: &Surface) -> Option<(f64, f64)> {
     let points = surface.positions.iter().copied().map(vector).collect();
     let target = TriMesh::new(points, surface.triangles.clone()).ok()?;
     if samples.is_empty() {
@@ -80,17 +90,17 @@ mod tests {
 
     #[test]
     fn parallel_plates_are_their_gap_apart() {
-        let d = distortion(&plate(0.0, 7), &plate(0.25, 5)).unwrap();
+        let d = distortion(&plate(0.0, 7), &plate(0.25, 5), 100).unwrap();
         // The larger plate's rim is (7 - 5) away from the smaller one, plus the gap.
         assert!((d.hausdorff - (2.0_f64 * 2.0 + 2.0 * 2.0 + 0.0625).sqrt()).abs() < 1e-12);
-        let same = distortion(&plate(0.0, 5), &plate(0.25, 5)).unwrap();
+        let same = distortion(&plate(0.0, 5), &plate(0.25, 5), 100).unwrap();
         assert!((same.mrms - 0.25).abs() < 1e-12 && (same.hausdorff - 0.25).abs() < 1e-12);
         assert!((same.diagonal - 50.0_f64.sqrt()).abs() < 1e-12);
     }
 
     #[test]
     fn a_surface_is_at_no_distance_from_itself() {
-        let d = distortion(&plate(0.0, 4), &plate(0.0, 4)).unwrap();
+        let d = distortion(&plate(0.0, 4), &plate(0.0, 4), 100).unwrap();
         assert!(d.mrms < 1e-15 && d.hausdorff < 1e-15);
     }
 }
