@@ -4,6 +4,7 @@
 //! files, HTTP, the registry, clocks or random sources: keys and messages come in as values.
 
 pub mod bins;
+mod capacity;
 mod codeword;
 mod detect;
 mod embed;
@@ -12,14 +13,18 @@ mod extract;
 mod fixed_point;
 mod index;
 mod params;
+mod pass;
 mod placement;
 mod power_map;
+mod sorted;
 
 pub use bins::Frame;
+pub use capacity::needed_bins;
 pub use codeword::{Codeword, LATTICE_CLASSES, MarkKey, Message, Schedule};
 pub use detect::{Score, SoftBits, Suspect, log10_chernoff};
-pub use embed::{Embedding, Host, embed, needed_bins};
+pub use embed::{Embedding, embed};
 pub use error::WatermarkError;
 pub use extract::{Extraction, Reading, extract, extract_from_surface};
 pub use index::{Candidate, CodewordIndex, Search};
 pub use params::{BitCount, EmbedParams, Method, Modulation, Placement, Strength};
+pub use pass::Host;

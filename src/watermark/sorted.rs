@@ -1,0 +1,149 @@
+//! Which carriers are in which bin, and in which they were the round before.
+
+use rayon::prelude::*;
+
+use super::bins::Lattice;
+
+/// How far a carrier may stray from the bin of the round before, in bin widths.
+const LOYALTY: f64 = 0.1;
+
+/// Which bin each carrier belonged to in the round before.
+///
+/// Where norms crowd at a bin's edge, the least step of the centre tips many of them into the
+/// next bin and the loop never settles. A carrier therefore stays with its bin until it has
+/// strayed from it by more than [`LOYALTY`].
+#[derive(Debug, Default)]
+pub struct BinMemory {
+    bins: Vec<u16>,
+    /// Whether the centre was near enough for the round before to be worth remembering.
+    pub trusted: bool,
+}
+
+/// A carrier outside the lattice.
+const NO_BIN: u16 = u16::MAX;
+
+impl BinMemory {
+    /// Remembers the bins of this round.
+    pub fn keep(&mut self, sorted: &SortedByBin, carriers: usize) {
+        self.bins.clear();
+        self.bins.resize(carriers, NO_BIN);
+        for bin in 0..sorted.starts.len() - 1 {
+            for &carrier in &sorted.carriers[sorted.range(bin)] {
+                self.bins[carrier as usize] = u16::try_from(bin).unwrap_or(NO_BIN);
+            }
+        }
+    }
+
+    /// The carrier's bin and place: the remembered bin while it is near, else its own.
+    fn locate(&self, carrier: usize, rho: f64, lattice: &Lattice) -> Option<Located> {
+        let own = || lattice.locate(rho).map(|(bin, t)| Located { bin, t, strayed: false });
+        let Some(&bin) = self.bins.get(carrier).filter(|_| self.trusted) else { return own() };
+        if bin == NO_BIN {
+            // Outside the lattice, and near it.
+            let into = (rho - lattice.start) / lattice.width;
+            let near = into < LOYALTY || into > lattice.bins as f64 - LOYALTY;
+            return if near { None } else { own() };
+        }
+        let bin = usize::from(bin);
+        let t = (rho - lattice.norm_at(bin, 0.0)) / lattice.width;
+        if !(-LOYALTY..1.0 + LOYALTY).contains(&t) {
+            return own();
+        }
+        let strayed = !(0.0..1.0).contains(&t);
+        Some(Located { bin, t: t.clamp(0.0, 1.0 - f64::EPSILON), strayed })
+    }
+}
+
+/// Where a carrier is.
+#[derive(Clone, Copy)]
+struct Located {
+    bin: usize,
+    t: f64,
+    /// It really lies beyond the bin's edge.
+    strayed: bool,
+}
+
+/// Movable carriers in the lattice, sorted by bin (a counting sort, stable by carrier).
+#[derive(Debug)]
+pub struct SortedByBin {
+    starts: Vec<usize>,
+    /// The carriers, bin after bin.
+    pub carriers: Vec<u32>,
+    /// Their places in their bins.
+    pub places: Vec<f64>,
+    /// Whether they really lie beyond their bin's edge and are kept by memory alone.
+    pub strayed: Vec<bool>,
+}
+
+impl SortedByBin {
+    /// Sorts the carriers that are not `fixed` and lie in the lattice.
+    #[must_use]
+    pub fn new(rho: &[f64], lattice: &Lattice, fixed: &[bool], memory: &BinMemory) -> Self {
+        let located: Vec<Option<Located>> = rho
+            .par_iter()
+            .zip(fixed)
+            .enumerate()
+            .with_min_len(16_384)
+            .map(
+                |(carrier, (&rho, &fixed))| {
+                    if fixed { None } else { memory.locate(carrier, rho, lattice) }
+                },
+            )
+            .collect();
+        let mut starts = vec![0_usize; lattice.bins + 1];
+        for located in located.iter().flatten() {
+            starts[located.bin + 1] += 1;
+        }
+        for bin in 0..lattice.bins {
+            starts[bin + 1] += starts[bin];
+        }
+        let total = starts[lattice.bins];
+        let (mut carriers, mut places) = (vec![0_u32; total], vec![0.0; total]);
+        let mut strayed = vec![false; total];
+        let mut next = starts.clone();
+        for (carrier, located) in (0_u32..).zip(located) {
+            if let Some(located) = located {
+                let slot = &mut next[located.bin];
+                carriers[*slot] = carrier;
+                places[*slot] = located.t;
+                strayed[*slot] = located.strayed;
+                *slot += 1;
+            }
+        }
+        Self { starts, carriers, places, strayed }
+    }
+
+    /// Where a bin's carriers stand in the arrays.
+    #[must_use]
+    pub fn range(&self, bin: usize) -> std::ops::Range<usize> {
+        self.starts[bin]..self.starts[bin + 1]
+    }
+
+    /// Cuts scratch arrays of the length of all places into one slice per bin.
+    pub fn slices<'s>(
+        &self,
+        mut places: &'s mut [f64],
+        mut logs: &'s mut [f64],
+    ) -> Vec<BinSlice<'s>> {
+        let mut slices = Vec::with_capacity(self.starts.len());
+        for bin in 0..self.starts.len() - 1 {
+            let range = self.range(bin);
+            let (these_places, other_places) = places.split_at_mut(range.len());
+            let (these_logs, other_logs) = logs.split_at_mut(range.len());
+            (places, logs) = (other_places, other_logs);
+            slices.push(BinSlice { bin, places: these_places, logs: these_logs });
+        }
+        slices
+    }
+}
+
+/// The places of one bin's carriers, and scratch of the same length.
+#[derive(Debug)]
+pub struct BinSlice<'a> {
+    /// The bin.
+    pub bin: usize,
+    /// Places to be changed.
+    pub places: &'a mut [f64],
+    /// Scratch of the same length.
+    pub logs: &'a mut [f64],
+}
