@@ -10,6 +10,7 @@ pub mod quadric;
 pub mod sampling;
 pub mod sum;
 pub mod surface;
+pub mod turning;
 pub mod weld;
 
 use glam::DVec3;

@@ -12,9 +12,8 @@ use super::bins::{Frame, norms};
 use super::capacity::{Judge, Judgement};
 use super::extract::Reading;
 use super::fixed_point::FixedPoint;
-use super::pass::{Host, Passes};
-use super::sorted::BinMemory;
-use super::{Codeword, EmbedParams, WatermarkError};
+use super::pass::{Host, Passes, State};
+use super::{Codeword, EmbedParams, Shaping, WatermarkError};
 
 /// Rounds at the most. Meshes settle in two to six; those that oscillate do so within a dozen,
 /// and the best round is kept.
@@ -81,31 +80,41 @@ pub fn embed(
     let mut goals = vec![strength; codeword.bits().len()];
     let width = host_frame.radial_extent() / codeword.bits().len() as f64;
     let mut search = FixedPoint::new(centre, LONGEST_STEP * width);
-    let mut memory = BinMemory::default();
+    let mut state = State::default();
+    let guards = params.method.shaping() == Shaping::Allocation;
     let mut best: Option<Embedding> = None;
+    let mut best_rank: Option<(usize, usize, f64)> = None;
     for rounds in 1..=if params.closed_loop { MAX_ROUNDS } else { 1 } {
         if stop() {
             return Err(WatermarkError::Cancelled);
         }
-        let positions = passes.run(search.at(), &goals, &mut memory)?;
+        let positions = passes.run(search.at(), &goals, &mut state)?;
         let carriers = passes.carriers_of(&positions);
         let centre = host.surface.centre_at(&carriers);
         let shift = (centre - search.at()).length() / width;
         search.learn(centre);
-        memory.trusted = shift <= FAMILIAR_SHIFT;
+        state.memory.trusted = shift <= FAMILIAR_SHIFT;
         let reading = passes
             .read(centre, &norms(&carriers, centre))
             .ok_or(WatermarkError::NoRadialExtent { vertices: carriers.len() })?;
+        let flipped = if guards { passes.hold_flipped(&carriers, &mut state) } else { 0 };
         let Judgement { right: usable_bins, wrong, smallest_margin } = judge.judge(&reading);
         if shift <= SETTLED_SHIFT {
             correct(&mut goals, codeword, &reading, strength);
         }
         let round =
             Embedding { positions, host_frame, reading, rounds, usable_bins, smallest_margin };
-        let better = best.as_ref().is_none_or(|best| smallest_margin > best.smallest_margin);
-        let settled = wrong == 0 && smallest_margin >= CLOSE_ENOUGH * strength;
+        let rank = (wrong, flipped, -smallest_margin);
+        let better = best_rank.is_none_or(|best| rank < best);
+        let settled = wrong == 0 && flipped == 0 && smallest_margin >= CLOSE_ENOUGH * strength;
+        if std::env::var_os("QM_DEBUG").is_some() {
+            eprintln!(
+                "round {rounds} usable {usable_bins} wrong {wrong} margin {smallest_margin:.5} flipped {flipped} shift/w {shift:.5}"
+            );
+        }
         if better || settled {
             best = Some(round);
+            best_rank = Some(rank);
         }
         if let Some(best) = best.as_mut() {
             best.rounds = rounds;

@@ -3,12 +3,15 @@
 //! Pure and deterministic to the bit on any number of threads. This module must not know about
 //! files, HTTP, the registry, clocks or random sources: keys and messages come in as values.
 
+mod allocation;
 pub mod bins;
 mod capacity;
 mod codeword;
+mod compliance;
 mod detect;
 mod embed;
 mod error;
+mod exact;
 mod extract;
 mod fixed_point;
 mod index;
@@ -26,5 +29,5 @@ pub use embed::{Embedding, embed};
 pub use error::WatermarkError;
 pub use extract::{Extraction, Reading, extract, extract_from_surface};
 pub use index::{Candidate, CodewordIndex, Search};
-pub use params::{BitCount, EmbedParams, Method, Modulation, Placement, Strength};
+pub use params::{BitCount, EmbedParams, Method, Modulation, Placement, Shaping, Strength};
 pub use pass::Host;

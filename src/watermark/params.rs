@@ -52,6 +52,17 @@ pub enum Placement {
     Radial,
     /// Quadric selective placement (paper eq. 17-20).
     Qsp,
+    /// The least quadric error on the sphere (method section 4).
+    Exact,
+}
+
+/// How the new norms of a bin are chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Shaping {
+    /// One power for the whole bin (Cho et al. 2007, paper eq. 9-15).
+    PowerMap,
+    /// The cheapest moves that reach the same statistic (method section 3).
+    Allocation,
 }
 
 /// Modulation and placement by name.
@@ -65,11 +76,16 @@ pub enum Method {
     QspMean,
     /// Variance, quadric selective placement: Luo and Bors 2009.
     QspVar,
+    /// Mean, least-distortion allocation, exact placement.
+    ExactMean,
+    /// Variance, least-distortion allocation, exact placement.
+    ExactVar,
 }
 
 impl Method {
     /// Every method, in the order of the documentation.
-    pub const ALL: [Self; 4] = [Self::ChoMean, Self::ChoVar, Self::QspMean, Self::QspVar];
+    pub const ALL: [Self; 6] =
+        [Self::ChoMean, Self::ChoVar, Self::QspMean, Self::QspVar, Self::ExactMean, Self::ExactVar];
 
     /// The method's name in requests and records.
     #[must_use]
@@ -79,6 +95,8 @@ impl Method {
             Self::ChoVar => "cho-var",
             Self::QspMean => "qsp-mean",
             Self::QspVar => "qsp-var",
+            Self::ExactMean => "exact-mean",
+            Self::ExactVar => "exact-var",
         }
     }
 
@@ -92,8 +110,8 @@ impl Method {
     #[must_use]
     pub fn modulation(self) -> Modulation {
         match self {
-            Self::ChoMean | Self::QspMean => Modulation::Mean,
-            Self::ChoVar | Self::QspVar => Modulation::Variance,
+            Self::ChoMean | Self::QspMean | Self::ExactMean => Modulation::Mean,
+            Self::ChoVar | Self::QspVar | Self::ExactVar => Modulation::Variance,
         }
     }
 
@@ -103,6 +121,16 @@ impl Method {
         match self {
             Self::ChoMean | Self::ChoVar => Placement::Radial,
             Self::QspMean | Self::QspVar => Placement::Qsp,
+            Self::ExactMean | Self::ExactVar => Placement::Exact,
+        }
+    }
+
+    /// How it chooses new norms.
+    #[must_use]
+    pub fn shaping(self) -> Shaping {
+        match self {
+            Self::ExactMean | Self::ExactVar => Shaping::Allocation,
+            Self::ChoMean | Self::ChoVar | Self::QspMean | Self::QspVar => Shaping::PowerMap,
         }
     }
 }

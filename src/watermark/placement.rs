@@ -3,6 +3,7 @@
 
 use glam::DVec3;
 
+use super::exact::{on_sphere, stiffness};
 use crate::mesh::adjacency::Adjacency;
 use crate::mesh::quadric::Quadric;
 use crate::mesh::surface::Surface;
@@ -24,8 +25,10 @@ pub fn radial(centre: DVec3, v: DVec3, rho: f64, new_rho: f64) -> DVec3 {
 #[derive(Debug)]
 pub struct PlacementSurface<'a> {
     surface: &'a Surface,
-    adjacency: Adjacency,
-    quadrics: Vec<Quadric>,
+    /// Triangles around each carrier.
+    pub adjacency: Adjacency,
+    /// Quadric of each carrier.
+    pub quadrics: Vec<Quadric>,
 }
 
 impl<'a> PlacementSurface<'a> {
@@ -71,6 +74,16 @@ impl<'a> PlacementSurface<'a> {
             }
         }
         best.1
+    }
+
+    /// Exact placement of carrier `vertex` at distance `new_rho` from `centre`.
+    #[must_use]
+    pub fn exact(&self, centre: DVec3, vertex: usize, rho: f64, new_rho: f64) -> DVec3 {
+        let from_centre = self.surface.positions[vertex] - centre;
+        match on_sphere(stiffness(&self.quadrics[vertex]), from_centre, new_rho) {
+            Some(placed) => centre + placed,
+            None => self.qsp(centre, vertex, rho, new_rho),
+        }
     }
 }
 
@@ -197,6 +210,22 @@ mod tests {
             let cost = |x: DVec3| prepared.quadrics[0].at(x - v);
             // Radial placement is not among the candidates; on these surfaces one beats it.
             assert!(cost(placed) <= cost(along) * (1.0 + 1e-9) + 1e-20, "{rho} -> {new_rho}");
+        }
+    }
+
+    #[test]
+    fn no_candidate_of_qsp_beats_the_exact_place() {
+        for (surface, rho, new_rho) in cases() {
+            let prepared = PlacementSurface::new(&surface);
+            let (v, b) = (surface.positions[0], stiffness(&prepared.quadrics[0]));
+            let cost = |x: DVec3| (x - v).dot(b * (x - v));
+            let exact = prepared.exact(DVec3::ZERO, 0, rho, new_rho);
+            assert!((exact.length() - new_rho).abs() < 1e-12);
+            let others =
+                [prepared.qsp(DVec3::ZERO, 0, rho, new_rho), radial(DVec3::ZERO, v, rho, new_rho)];
+            for other in others {
+                assert!(cost(exact) <= cost(other) * (1.0 + 1e-9) + 1e-20, "{rho} -> {new_rho}");
+            }
         }
     }
 

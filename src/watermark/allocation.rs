@@ -1,0 +1,193 @@
+//! Least-distortion allocation: which vertices of a bin move, and how far, to bring its
+//! statistic to a target at the least total cost (method section 3, beyond the paper).
+//!
+//! Moving a vertex by `delta` costs about `delta^2 / g`, with `g` its compliance. Minimising the
+//! sum of costs for a given statistic leaves one multiplier per bin:
+//!
+//! - mean: `delta = mu g`;
+//! - variance, with `u = 2t - 1`: stationarity of `sum delta^2 / g - (kappa / 4) sum u'^2` gives
+//!   `u' = u / (1 - kappa g)`.
+//!
+//! Each place is clipped to its own range. Both statistics grow monotonically with their
+//! multiplier, so one scalar root per bin is found by a bracketed secant.
+
+use super::Modulation;
+
+/// What one vertex of a bin may do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Freedom {
+    /// How cheaply it moves: above zero, in any unit that the whole bin shares.
+    pub compliance: f64,
+    /// Least and greatest place it may take; the present place lies between them.
+    pub range: (f64, f64),
+}
+
+/// How close the statistic must come to its target.
+const TOLERANCE: f64 = 1e-9;
+
+/// Secant steps at the most.
+const MAX_STEPS: usize = 100;
+
+/// Moves `places` (the `t` of one bin's movable vertices) so that the mean of their statistic
+/// reaches `target`, or as near as their ranges allow. Returns whether it was reached.
+pub fn allocate(
+    modulation: Modulation,
+    places: &mut [f64],
+    freedoms: &[Freedom],
+    target: f64,
+) -> bool {
+    let moved = |multiplier: f64, t: f64, freedom: &Freedom| match modulation {
+        Modulation::Mean => shifted(multiplier, t, freedom),
+        Modulation::Variance => scaled(multiplier, t, freedom),
+    };
+    let count = places.len().max(1) as f64;
+    let statistic = |multiplier: f64| {
+        let all = places.iter().zip(freedoms);
+        all.map(|(&t, f)| super::bins::contribution(modulation, moved(multiplier, t, f)))
+            .sum::<f64>()
+            / count
+    };
+    let (multiplier, reached) = solve(statistic, target, scale(freedoms));
+    for (t, freedom) in places.iter_mut().zip(freedoms) {
+        *t = moved(multiplier, *t, freedom);
+    }
+    reached
+}
+
+/// The multiplier at which a vertex of mean compliance crosses a whole bin.
+fn scale(freedoms: &[Freedom]) -> f64 {
+    let sum: f64 = freedoms.iter().map(|f| f.compliance).sum();
+    if sum > 0.0 { freedoms.len() as f64 / sum } else { 1.0 }
+}
+
+fn shifted(mu: f64, t: f64, freedom: &Freedom) -> f64 {
+    let (low, high) = freedom.range;
+    (t + mu * freedom.compliance).clamp(low, high)
+}
+
+fn scaled(kappa: f64, t: f64, freedom: &Freedom) -> f64 {
+    let (low, high) = freedom.range;
+    let u = 2.0 * t - 1.0;
+    let left = 1.0 - kappa * freedom.compliance;
+    // At and beyond the pole the vertex goes as far outward as it may.
+    let wanted = if left > 0.0 { u / left } else { f64::INFINITY.copysign(u) };
+    f64::midpoint(wanted, 1.0).clamp(low, high)
+}
+
+/// The multiplier at which a growing function reaches `target`: brackets by doubling from
+/// `scale`, then the Illinois variant of regula falsi.
+fn solve(statistic: impl Fn(f64) -> f64, target: f64, scale: f64) -> (f64, bool) {
+    let error = |x: f64| statistic(x) - target;
+    let at_rest = error(0.0);
+    if at_rest.abs() <= TOLERANCE {
+        return (0.0, true);
+    }
+    let sign = -at_rest.signum();
+    let (mut near, mut near_error) = (0.0, at_rest);
+    let (mut far, mut far_error) = (0.0, at_rest);
+    // 2^40 bin widths: by then every vertex stands at its limit.
+    for doubling in 0..48 {
+        far = sign * scale * f64::from(doubling - 8).exp2();
+        far_error = error(far);
+        if far_error * sign >= 0.0 {
+            break;
+        }
+        (near, near_error) = (far, far_error);
+    }
+    if far_error * sign < -TOLERANCE {
+        return (far, false);
+    }
+    for _ in 0..MAX_STEPS {
+        let x = (near * far_error - far * near_error) / (far_error - near_error);
+        // Where the statistic jumps (at the variance's pole), halving still converges.
+        let x = if x.is_finite() { x } else { f64::midpoint(near, far) };
+        let found = error(x);
+        if found.abs() <= TOLERANCE || (far - near).abs() <= 1e-14 * far.abs() {
+            return (x, true);
+        }
+        if found * sign > 0.0 {
+            (far, far_error) = (x, found);
+            near_error *= 0.5;
+        } else {
+            (near, near_error) = (x, found);
+            far_error *= 0.5;
+        }
+    }
+    (f64::midpoint(near, far), true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::watermark::bins::contribution;
+
+    fn bin(n: u32) -> (Vec<f64>, Vec<Freedom>) {
+        let unit = |i: u32, step: f64| (f64::from(i) * step).fract();
+        let places: Vec<f64> = (0..n).map(|i| unit(i, 0.754_877_666)).collect();
+        let freedoms = (0..n).zip(&places).map(|(i, &t)| {
+            let cap = 0.2 + 0.8 * unit(i, 0.569_840_29);
+            let range = ((t - cap).max(t.min(0.08)), (t + cap).min(t.max(0.92)));
+            Freedom { compliance: 0.01 + 100.0 * unit(i, 0.324_717_957).powi(4), range }
+        });
+        let freedoms = freedoms.collect();
+        (places, freedoms)
+    }
+
+    fn statistic(modulation: Modulation, places: &[f64]) -> f64 {
+        places.iter().map(|&t| contribution(modulation, t)).sum::<f64>() / places.len() as f64
+    }
+
+    #[test]
+    fn the_target_is_reached_within_every_range() {
+        for modulation in [Modulation::Mean, Modulation::Variance] {
+            for shift in [-0.1, -0.02, 0.02, 0.1] {
+                let (mut places, freedoms) = bin(400);
+                let target = modulation.neutral() + shift;
+                assert!(allocate(modulation, &mut places, &freedoms, target));
+                assert!((statistic(modulation, &places) - target).abs() < 1e-7);
+                for (t, freedom) in places.iter().zip(&freedoms) {
+                    assert!((freedom.range.0..=freedom.range.1).contains(t));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn out_of_reach_every_vertex_goes_to_its_limit() {
+        for modulation in [Modulation::Mean, Modulation::Variance] {
+            let (mut places, freedoms) = bin(50);
+            assert!(!allocate(modulation, &mut places, &freedoms, 0.999));
+            let at_limit = places
+                .iter()
+                .zip(&freedoms)
+                .filter(|(t, f)| (*t - f.range.0).abs() < 1e-6 || (*t - f.range.1).abs() < 1e-6);
+            assert!(at_limit.count() >= 49); // u = 0 has no side to go to
+        }
+    }
+
+    #[test]
+    fn no_other_way_to_the_same_mean_is_cheaper() {
+        let (before, freedoms) = bin(200);
+        let mut places = before.clone();
+        allocate(Modulation::Mean, &mut places, &freedoms, 0.58);
+        let cost = |after: &[f64]| -> f64 {
+            let all = after.iter().zip(&before).zip(&freedoms);
+            all.map(|((a, b), f)| (a - b) * (a - b) / f.compliance).sum()
+        };
+        let best = cost(&places);
+        // Shift a little weight between any two vertices that have room.
+        for i in 0..200 {
+            let j = (i * 37 + 11) % 200;
+            for step in [1e-4, -1e-4] {
+                let mut other = places.clone();
+                other[i] += step;
+                other[j] -= step;
+                let inside =
+                    |k: usize| (freedoms[k].range.0..=freedoms[k].range.1).contains(&other[k]);
+                if i != j && inside(i) && inside(j) {
+                    assert!(cost(&other) >= best - 1e-9);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! How cheaply each vertex can change its norm, and how far it may go (method section 3).
+//!
+//! Quadrics and directions come from the original mesh and its centre; they are computed once.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::exact::stiffness;
+use crate::mesh::adjacency::Adjacency;
+use crate::mesh::quadric::Quadric;
+use crate::mesh::surface::{Surface, doubled_area};
+
+/// A vertex may travel at most this share of the smallest height of its triangles: two vertices
+/// that meet halfway cannot turn a triangle over.
+const REACH: f64 = 0.45;
+
+/// What changing a vertex norm by `delta` costs and how far it may go, in the mesh's unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Compliance {
+    /// `g`: the cost of `delta` is `delta^2 / g`.
+    pub compliance: f64,
+    /// The largest `delta` at which the vertex stays within reach of its place.
+    pub reach: f64,
+}
+
+/// The compliance of every carrier about `centre`.
+#[must_use]
+pub fn compliances(
+    surface: &Surface,
+    adjacency: &Adjacency,
+    quadrics: &[Quadric],
+    centre: DVec3,
+) -> Vec<Compliance> {
+    let area = |&t: &u32| {
+        let [a, b, c] = surface.triangles[t as usize].map(|i| surface.positions[i as usize]);
+        doubled_area(a, b, c).length()
+    };
+    let areas: Vec<f64> = (0..surface.positions.len())
+        .into_par_iter()
+        .map(|v| adjacency.around(v).iter().map(area).sum())
+        .collect();
+    let mean_area = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
+    let power: f64 = std::env::var("QM_P").ok().and_then(|p| p.parse().ok()).unwrap_or(1.0);
+    surface
+        .positions
+        .par_iter()
+        .zip(quadrics)
+        .zip(&areas)
+        .enumerate()
+        .map(|(v, ((&position, quadric), &area))| {
+            let direction = (position - centre).normalize_or_zero();
+            // d = B^-1 u / (u^T B^-1 u) delta is the cheapest way to change the norm by delta.
+            let way = stiffness(quadric).inverse() * direction;
+            let along = way.dot(direction);
+            if !(along > 0.0 && along.is_finite()) {
+                return Compliance { compliance: 0.0, reach: 0.0 };
+            }
+            let weight = (area / mean_area).max(1e-3).powf(power);
+            let per_delta = way.length() / along;
+            let reach = REACH * smallest_height(surface, adjacency.around(v)) / per_delta;
+            Compliance { compliance: along * quadric.trace() / weight, reach }
+        })
+        .collect()
+}
+
+fn smallest_height(surface: &Surface, triangles: &[u32]) -> f64 {
+    let height = |&t: &u32| {
+        let [a, b, c] = surface.triangles[t as usize].map(|i| surface.positions[i as usize]);
+        let longest =
+            (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
+        doubled_area(a, b, c).length() / longest.sqrt()
+    };
+    triangles.iter().map(height).fold(f64::INFINITY, f64::min)
+}
