@@ -31,23 +31,12 @@ pub fn compliances(
     quadrics: &[Quadric],
     centre: DVec3,
 ) -> Vec<Compliance> {
-    let area = |&t: &u32| {
-        let [a, b, c] = surface.triangles[t as usize].map(|i| surface.positions[i as usize]);
-        doubled_area(a, b, c).length()
-    };
-    let areas: Vec<f64> = (0..surface.positions.len())
-        .into_par_iter()
-        .map(|v| adjacency.around(v).iter().map(area).sum())
-        .collect();
-    let mean_area = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
-    let power: f64 = std::env::var("QM_P").ok().and_then(|p| p.parse().ok()).unwrap_or(1.0);
     surface
         .positions
         .par_iter()
         .zip(quadrics)
-        .zip(&areas)
         .enumerate()
-        .map(|(v, ((&position, quadric), &area))| {
+        .map(|(v, (&position, quadric))| {
             let direction = (position - centre).normalize_or_zero();
             // d = B^-1 u / (u^T B^-1 u) delta is the cheapest way to change the norm by delta.
             let way = stiffness(quadric).inverse() * direction;
@@ -55,10 +44,9 @@ pub fn compliances(
             if !(along > 0.0 && along.is_finite()) {
                 return Compliance { compliance: 0.0, reach: 0.0 };
             }
-            let weight = (area / mean_area).max(1e-3).powf(power);
             let per_delta = way.length() / along;
             let reach = REACH * smallest_height(surface, adjacency.around(v)) / per_delta;
-            Compliance { compliance: along * quadric.trace() / weight, reach }
+            Compliance { compliance: along * quadric.trace(), reach }
         })
         .collect()
 }

@@ -12,14 +12,14 @@ use super::bins::{Frame, norms};
 use super::capacity::{Judge, Judgement};
 use super::extract::Reading;
 use super::fixed_point::FixedPoint;
-use super::pass::{Host, Passes, State};
+use super::pass::{Host, Passed, Passes, State};
 use super::{Codeword, EmbedParams, Shaping, WatermarkError};
 
 /// Rounds at the most. Meshes settle in two to six; those that oscillate do so within a dozen,
 /// and the best round is kept.
 const MAX_ROUNDS: usize = 16;
 
-/// The loop ends when the smallest margin reaches this share of the strength.
+/// The loop ends when every bin has at least this share of the margin it is to have.
 const CLOSE_ENOUGH: f64 = 0.95;
 
 /// Share of a bin's shortfall that is added to its goal. Undamped corrections overshoot where
@@ -36,8 +36,8 @@ const LONGEST_STEP: f64 = 0.5;
 /// Rounds whose centre shifts by more than this share of a bin width are forgotten.
 const FAMILIAR_SHIFT: f64 = 0.03;
 
-/// Bounds of a bin's goal, as multiples of the strength.
-const GOAL_RANGE: (f64, f64) = (0.8, 2.5);
+/// Bounds of a bin's correction, as multiples of its wanted margin.
+const CORRECTION_RANGE: (f64, f64) = (-0.2, 1.5);
 
 /// The result of an embedding.
 #[derive(Debug, Clone)]
@@ -77,10 +77,9 @@ pub fn embed(
     let before = passes.read(centre, &norms(&host.surface.positions, centre));
     judge.check_host(host_frame, before.as_ref())?;
 
-    let mut goals = vec![strength; codeword.bits().len()];
     let width = host_frame.radial_extent() / codeword.bits().len() as f64;
     let mut search = FixedPoint::new(centre, LONGEST_STEP * width);
-    let mut state = State::default();
+    let mut state = State::new(codeword.bits().len());
     let guards = params.method.shaping() == Shaping::Allocation;
     let mut best: Option<Embedding> = None;
     let mut best_rank: Option<(usize, usize, f64)> = None;
@@ -88,7 +87,7 @@ pub fn embed(
         if stop() {
             return Err(WatermarkError::Cancelled);
         }
-        let positions = passes.run(search.at(), &goals, &mut state)?;
+        let Passed { positions, wanted } = passes.run(search.at(), &mut state)?;
         let carriers = passes.carriers_of(&positions);
         let centre = host.surface.centre_at(&carriers);
         let shift = (centre - search.at()).length() / width;
@@ -100,16 +99,17 @@ pub fn embed(
         let flipped = if guards { passes.hold_flipped(&carriers, &mut state) } else { 0 };
         let Judgement { right: usable_bins, wrong, smallest_margin } = judge.judge(&reading);
         if shift <= SETTLED_SHIFT {
-            correct(&mut goals, codeword, &reading, strength);
+            correct(&mut state.corrections, codeword, &reading, &wanted);
         }
+        let fulfilled = fulfilment(codeword, &reading, &wanted);
         let round =
             Embedding { positions, host_frame, reading, rounds, usable_bins, smallest_margin };
-        let rank = (wrong, flipped, -smallest_margin);
+        let rank = (wrong, flipped, -fulfilled);
         let better = best_rank.is_none_or(|best| rank < best);
-        let settled = wrong == 0 && flipped == 0 && smallest_margin >= CLOSE_ENOUGH * strength;
+        let settled = wrong == 0 && flipped == 0 && fulfilled >= CLOSE_ENOUGH;
         if std::env::var_os("QM_DEBUG").is_some() {
             eprintln!(
-                "round {rounds} usable {usable_bins} wrong {wrong} margin {smallest_margin:.5} flipped {flipped} shift/w {shift:.5}"
+                "round {rounds} usable {usable_bins} wrong {wrong} margin {smallest_margin:.5} ful {fulfilled:.4} flipped {flipped} shift/w {shift:.5}"
             );
         }
         if better || settled {
@@ -130,15 +130,23 @@ pub fn embed(
     Ok(best)
 }
 
-/// Adds to each bin's goal its shortfall.
-fn correct(goals: &mut [f64], codeword: &Codeword, reading: &Reading, strength: f64) {
-    let (least, most) = GOAL_RANGE;
-    for (bin, (goal, &bit)) in goals.iter_mut().zip(codeword.bits()).enumerate() {
+/// Adds to each bin's correction its shortfall.
+fn correct(corrections: &mut [f64], codeword: &Codeword, reading: &Reading, wanted: &[f64]) {
+    let (least, most) = CORRECTION_RANGE;
+    let bins = corrections.iter_mut().zip(codeword.bits()).zip(wanted);
+    for (bin, ((correction, &bit), wanted)) in bins.enumerate() {
         if let Some(margin) = reading.margin(bin, bit) {
-            let corrected = *goal + DAMPING * (strength - margin);
-            *goal = corrected.clamp(least * strength, most * strength);
+            let corrected = *correction + DAMPING * (wanted - margin);
+            *correction = corrected.clamp(least * wanted, most * wanted);
         }
     }
+}
+
+/// The smallest share of its wanted margin that a bin has.
+fn fulfilment(codeword: &Codeword, reading: &Reading, wanted: &[f64]) -> f64 {
+    let bins = codeword.bits().iter().zip(wanted).enumerate();
+    bins.filter_map(|(bin, (&bit, wanted))| Some(reading.margin(bin, bit)? / wanted))
+        .fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 
 mod allocation;
 pub mod bins;
+mod budget;
 mod capacity;
 mod codeword;
 mod compliance;

@@ -3,13 +3,14 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::allocation::{Freedom, allocate};
+use super::allocation::{Allocation, Freedom};
 use super::bins::{Frame, Lattice, contribution, norms};
+use super::budget::margins;
 use super::compliance::{Compliance, compliances};
 use super::extract::Reading;
 use super::placement::{PlacementSurface, radial};
 use super::power_map::power_map;
-use super::sorted::{BinMemory, SortedByBin};
+use super::sorted::{BinMemory, BinSlice, SortedByBin};
 use super::{Codeword, EmbedParams, Placement, Shaping, WatermarkError};
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
@@ -23,10 +24,6 @@ const EDGE: f64 = 0.02;
 /// where the least shift of the centre tips them into the next bin.
 const TARGET_RANGE: (f64, f64) = (0.04, 0.96);
 
-/// In the allocation, the share of the bin's width that stays free at both edges: with less, a
-/// centre shift of 0.3 % of a bin tips vertices over (method section 3).
-const ALLOCATION_EDGE: f64 = 0.08;
-
 /// How often a bin whose vertices cannot reach its target within their reach is widened.
 const MOST_WIDENINGS: u32 = 8;
 
@@ -38,8 +35,27 @@ const HOLD: f64 = 0.5;
 pub struct State {
     /// Which bin each carrier was in.
     pub memory: BinMemory,
+    /// Per bin, what is added to its wanted margin because earlier rounds fell short of it.
+    pub corrections: Vec<f64>,
     /// Per carrier, the share of its reach that it may use; empty until one is held back.
     hold: Vec<f64>,
+}
+
+impl State {
+    /// Before the first round, for `bins` bins.
+    #[must_use]
+    pub fn new(bins: usize) -> Self {
+        Self { corrections: vec![0.0; bins], ..Self::default() }
+    }
+}
+
+/// What one pass makes.
+#[derive(Debug)]
+pub struct Passed {
+    /// Positions of all file vertices, rounded as the file stores them.
+    pub positions: Vec<DVec3>,
+    /// Per bin, the margin it was meant to have.
+    pub wanted: Vec<f64>,
 }
 
 /// The host as an embedding sees it.
@@ -103,24 +119,18 @@ impl<'a> Passes<'a> {
         Reading::in_frame(frame, norms, class, bits, self.params.method.modulation())
     }
 
-    /// One pass from the original mesh, about `centre`: modulate, place, round. Returns the
-    /// positions of all file vertices.
+    /// One pass from the original mesh, about `centre`: modulate, place, round.
     ///
     /// # Errors
     /// [`WatermarkError::NoRadialExtent`].
-    pub fn run(
-        &self,
-        centre: DVec3,
-        goals: &[f64],
-        state: &mut State,
-    ) -> Result<Vec<DVec3>, WatermarkError> {
+    pub fn run(&self, centre: DVec3, state: &mut State) -> Result<Passed, WatermarkError> {
         let surface = self.host.surface;
         let rho = norms(&surface.positions, centre);
         let frame = Frame::spanning(centre, &rho);
         let bits = self.codeword.bit_count();
         let lattice = Lattice::new(&frame, self.codeword.lattice_class(), bits)
             .ok_or(WatermarkError::NoRadialExtent { vertices: rho.len() })?;
-        let new_rho = self.modulate(&rho, &lattice, goals, state);
+        let (new_rho, wanted) = self.modulate(&rho, &lattice, state);
         let place = |carrier: usize, v: DVec3| {
             let (rho, new_rho) = (rho[carrier], new_rho[carrier]);
             if rho.to_bits() == new_rho.to_bits() {
@@ -150,92 +160,137 @@ impl<'a> Passes<'a> {
             }
         });
         (self.host.round)(&mut positions);
-        Ok(positions)
+        Ok(Passed { positions, wanted })
     }
 
-    /// New norms: each bin's statistic is moved to its goal on the side of its bit. In the
-    /// closed loop a bin that is already beyond its goal on the right side is left alone.
-    fn modulate(
-        &self,
-        rho: &[f64],
-        lattice: &Lattice,
-        goals: &[f64],
-        state: &mut State,
-    ) -> Vec<f64> {
+    /// New norms, and the margin that each bin was meant to have: each bin's statistic is moved
+    /// to its goal on the side of its bit. In the closed loop a bin that is already beyond its
+    /// goal on the right side is left alone.
+    fn modulate(&self, rho: &[f64], lattice: &Lattice, state: &mut State) -> (Vec<f64>, Vec<f64>) {
         let sorted = SortedByBin::new(rho, lattice, &self.fixed, &state.memory);
         if self.params.closed_loop {
             state.memory.keep(&sorted, rho.len());
         }
-        let modulation = self.params.method.modulation();
-        let neutral = modulation.neutral();
+        let strength = self.params.strength.get();
+        let freedoms = match self.params.method.shaping() {
+            Shaping::PowerMap => Vec::new(),
+            Shaping::Allocation => self.freedoms(&sorted, lattice, state),
+        };
+        let wanted = if freedoms.is_empty() {
+            vec![strength; lattice.bins]
+        } else {
+            let allocations: Vec<_> =
+                (0..lattice.bins).map(|bin| self.allocation(&sorted, &freedoms, bin)).collect();
+            margins(&allocations, self.codeword.bits(), strength)
+        };
         let (mut places, mut logs) = (sorted.places.clone(), vec![0.0; sorted.places.len()]);
         let moved: Vec<bool> = sorted
             .slices(&mut places, &mut logs)
             .into_par_iter()
             .with_max_len(1)
             .map(|slice| {
-                let bit = self.codeword.bits()[slice.bin];
-                let goal = if bit { goals[slice.bin] } else { -goals[slice.bin] };
-                let count = slice.places.len().max(1) as f64;
-                let sum: f64 = slice.places.iter().map(|&t| contribution(modulation, t)).sum();
-                let deviation = sum / count - neutral;
-                let already = if bit { deviation >= goal } else { deviation <= goal };
-                if slice.places.is_empty() || (already && self.params.closed_loop) {
-                    return false;
-                }
-                let (low, high) = TARGET_RANGE;
-                let target = (neutral + goal).clamp(low, high);
+                let correction = state.corrections.get(slice.bin).copied().unwrap_or(0.0);
+                let goal = wanted[slice.bin] + correction;
+                let Some(target) = self.target(&slice, goal) else { return false };
                 match self.params.method.shaping() {
                     Shaping::PowerMap => {
+                        let modulation = self.params.method.modulation();
                         power_map(modulation, slice.places, slice.logs, target);
                     }
                     Shaping::Allocation => {
-                        self.allocate(slice.carriers, slice.places, lattice, target, state);
+                        self.allocate(&sorted, &freedoms, slice, target);
                     }
                 }
                 true
             })
             .collect();
+        (self.new_norms(rho, lattice, &sorted, &places, &moved), wanted)
+    }
+
+    /// The statistic that a bin must be moved to; `None` when it may stay.
+    fn target(&self, slice: &BinSlice<'_>, goal: f64) -> Option<f64> {
+        let modulation = self.params.method.modulation();
+        let bit = self.codeword.bits()[slice.bin];
+        let sum: f64 = slice.places.iter().map(|&t| contribution(modulation, t)).sum();
+        let deviation = sum / slice.places.len().max(1) as f64 - modulation.neutral();
+        let already = if bit { deviation >= goal } else { deviation <= -goal };
+        let (low, high) = TARGET_RANGE;
+        let signed = if bit { goal } else { -goal };
+        let stays = slice.places.is_empty() || (already && self.params.closed_loop);
+        (!stays).then(|| (modulation.neutral() + signed).clamp(low, high))
+    }
+
+    fn new_norms(
+        &self,
+        rho: &[f64],
+        lattice: &Lattice,
+        sorted: &SortedByBin,
+        places: &[f64],
+        moved: &[bool],
+    ) -> Vec<f64> {
         let edge = if self.params.closed_loop { EDGE } else { 0.0 };
-        let clamps = self.params.method.shaping() == Shaping::PowerMap;
+        let power_map = self.params.method.shaping() == Shaping::PowerMap;
         let mut new_rho = rho.to_vec();
-        for bin in 0..lattice.bins {
+        for (bin, &moved) in moved.iter().enumerate() {
             for k in sorted.range(bin) {
-                let (t, carrier) = (places[k], sorted.carriers[k] as usize);
-                if sorted.strayed[k] || (moved[bin] && (clamps || t != sorted.places[k])) {
-                    let keep = if clamps || sorted.strayed[k] { edge } else { 0.0 };
-                    new_rho[carrier] = lattice.norm_at(bin, t.clamp(keep, 1.0 - keep));
+                let (t, strayed) = (places[k], sorted.strayed[k]);
+                if strayed || (moved && (power_map || t != sorted.places[k])) {
+                    // The allocation's own ranges keep clear of the edges.
+                    let keep = if power_map || strayed { edge } else { 0.0 };
+                    let place = t.clamp(keep, 1.0 - keep);
+                    new_rho[sorted.carriers[k] as usize] = lattice.norm_at(bin, place);
                 }
             }
         }
         new_rho
     }
 
+    /// What each sorted carrier may do, within its reach and clear of its bin's edges.
+    fn freedoms(&self, sorted: &SortedByBin, lattice: &Lattice, state: &State) -> Vec<Freedom> {
+        let freedom = |(&carrier, &t): (&u32, &f64)| {
+            let Compliance { compliance, reach } = self.compliances[carrier as usize];
+            let held = state.hold.get(carrier as usize).copied().unwrap_or(1.0);
+            let reach = held * reach / lattice.width;
+            Freedom::new(compliance, t, reach)
+        };
+        sorted.carriers.par_iter().zip(&sorted.places).with_min_len(4096).map(freedom).collect()
+    }
+
+    fn allocation<'s>(
+        &self,
+        sorted: &'s SortedByBin,
+        freedoms: &'s [Freedom],
+        bin: usize,
+    ) -> Allocation<'s> {
+        let range = sorted.range(bin);
+        let modulation = self.params.method.modulation();
+        Allocation { modulation, places: &sorted.places[range.clone()], freedoms: &freedoms[range] }
+    }
+
     /// Allocates within each vertex's reach; where the target lies beyond what the bin's vertices
     /// reach together, they are let go further, twice as far at a time.
     fn allocate(
         &self,
-        carriers: &[u32],
-        places: &mut [f64],
-        lattice: &Lattice,
+        sorted: &SortedByBin,
+        freedoms: &[Freedom],
+        slice: BinSlice<'_>,
         target: f64,
-        state: &State,
     ) {
-        let before = places.to_vec();
-        let mut freedoms = Vec::with_capacity(places.len());
-        for widening in 0..=MOST_WIDENINGS {
-            let factor = f64::from(widening).exp2();
-            freedoms.clear();
-            freedoms.extend(carriers.iter().zip(&before).map(|(&carrier, &t)| {
-                let Compliance { compliance, reach } = self.compliances[carrier as usize];
-                let held = state.hold.get(carrier as usize).copied().unwrap_or(1.0);
-                let cap = factor * held * reach / lattice.width;
-                let low = (t - cap).max(t.min(ALLOCATION_EDGE));
-                let high = (t + cap).min(t.max(1.0 - ALLOCATION_EDGE));
-                Freedom { compliance: compliance.max(f64::MIN_POSITIVE), range: (low, high) }
-            }));
-            places.copy_from_slice(&before);
-            if allocate(self.params.method.modulation(), places, &freedoms, target) {
+        let narrow = self.allocation(sorted, freedoms, slice.bin);
+        let solution = narrow.solve(target);
+        narrow.apply(solution.multiplier, slice.places);
+        if solution.reached {
+            return;
+        }
+        let mut wide = narrow.freedoms.to_vec();
+        for _ in 0..MOST_WIDENINGS {
+            for (freedom, &t) in wide.iter_mut().zip(narrow.places) {
+                *freedom = Freedom::new(freedom.compliance, t, 2.0 * freedom.reach);
+            }
+            let problem = Allocation { freedoms: &wide, ..narrow };
+            let solution = problem.solve(target);
+            problem.apply(solution.multiplier, slice.places);
+            if solution.reached {
                 return;
             }
         }

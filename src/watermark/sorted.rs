@@ -121,7 +121,7 @@ impl SortedByBin {
 
     /// Cuts scratch arrays of the length of all places into one slice per bin.
     pub fn slices<'s>(
-        &'s self,
+        &self,
         mut places: &'s mut [f64],
         mut logs: &'s mut [f64],
     ) -> Vec<BinSlice<'s>> {
@@ -131,8 +131,7 @@ impl SortedByBin {
             let (these_places, other_places) = places.split_at_mut(range.len());
             let (these_logs, other_logs) = logs.split_at_mut(range.len());
             (places, logs) = (other_places, other_logs);
-            let carriers = &self.carriers[range];
-            slices.push(BinSlice { bin, carriers, places: these_places, logs: these_logs });
+            slices.push(BinSlice { bin, places: these_places, logs: these_logs });
         }
         slices
     }
@@ -143,8 +142,6 @@ impl SortedByBin {
 pub struct BinSlice<'a> {
     /// The bin.
     pub bin: usize,
-    /// Its carriers.
-    pub carriers: &'a [u32],
     /// Places to be changed.
     pub places: &'a mut [f64],
     /// Scratch of the same length.
