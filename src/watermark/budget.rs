@@ -18,8 +18,9 @@ const DEAREST: f64 = 3.0;
 const RANGE: (f64, f64) = (0.3, 1.25);
 
 /// The margin that each bin is to have; their mean is `strength` as far as the bounds allow.
+/// `None` when more than half of the bins that must move cannot reach `strength` at any price.
 #[must_use]
-pub fn margins(allocations: &[Allocation<'_>], bits: &[bool], strength: f64) -> Vec<f64> {
+pub fn margins(allocations: &[Allocation<'_>], bits: &[bool], strength: f64) -> Option<Vec<f64>> {
     let bins = allocations.par_iter().zip(bits).with_max_len(1);
     // A bin that cannot reach its target within reach has no price: infinite.
     let prices: Vec<f64> = bins
@@ -35,9 +36,9 @@ pub fn margins(allocations: &[Allocation<'_>], bits: &[bool], strength: f64) -> 
         .collect();
     let mut paid: Vec<f64> = prices.iter().copied().filter(|&p| p > 0.0).collect();
     paid.sort_unstable_by(f64::total_cmp);
-    let Some(&median) = paid.get(paid.len() / 2) else { return vec![strength; bits.len()] };
+    let Some(&median) = paid.get(paid.len() / 2) else { return Some(vec![strength; bits.len()]) };
     if !median.is_finite() {
-        return vec![strength; bits.len()];
+        return None;
     }
     let dearest = DEAREST * median;
     let (least, most) = (RANGE.0 * strength, RANGE.1 * strength);
@@ -62,7 +63,7 @@ pub fn margins(allocations: &[Allocation<'_>], bits: &[bool], strength: f64) -> 
             *margin = more;
         }
     }
-    wanted
+    Some(wanted)
 }
 
 fn statistic(bin: &Allocation<'_>, bit: bool, margin: f64) -> f64 {

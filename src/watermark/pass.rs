@@ -172,16 +172,9 @@ impl<'a> Passes<'a> {
             state.memory.keep(&sorted, rho.len());
         }
         let strength = self.params.strength.get();
-        let freedoms = match self.params.method.shaping() {
-            Shaping::PowerMap => Vec::new(),
-            Shaping::Allocation => self.freedoms(&sorted, lattice, state),
-        };
-        let wanted = if freedoms.is_empty() {
-            vec![strength; lattice.bins]
-        } else {
-            let allocations: Vec<_> =
-                (0..lattice.bins).map(|bin| self.allocation(&sorted, &freedoms, bin)).collect();
-            margins(&allocations, self.codeword.bits(), strength)
+        let (freedoms, wanted) = match self.params.method.shaping() {
+            Shaping::PowerMap => (Vec::new(), vec![strength; lattice.bins]),
+            Shaping::Allocation => self.budget(&sorted, lattice, state),
         };
         let (mut places, mut logs) = (sorted.places.clone(), vec![0.0; sorted.places.len()]);
         let moved: Vec<bool> = sorted
@@ -245,6 +238,32 @@ impl<'a> Passes<'a> {
         new_rho
     }
 
+    /// What each sorted carrier may do, and the margin that each bin is to have. Where most bins
+    /// cannot reach their full margin (a mesh of slivers, whose heights say little about how far
+    /// neighbours can move together), all reaches are doubled until they can.
+    fn budget(
+        &self,
+        sorted: &SortedByBin,
+        lattice: &Lattice,
+        state: &State,
+    ) -> (Vec<Freedom>, Vec<f64>) {
+        let strength = self.params.strength.get();
+        let mut freedoms = self.freedoms(sorted, lattice, state);
+        for _ in 0..MOST_WIDENINGS {
+            let allocations: Vec<_> =
+                (0..lattice.bins).map(|bin| self.allocation(sorted, &freedoms, bin)).collect();
+            if let Some(wanted) = margins(&allocations, self.codeword.bits(), strength) {
+                return (freedoms, wanted);
+            }
+            freedoms.par_iter_mut().zip(&sorted.places).with_min_len(4096).for_each(
+                |(freedom, &t)| {
+                    *freedom = Freedom::new(freedom.compliance, t, 2.0 * freedom.reach);
+                },
+            );
+        }
+        (freedoms, vec![strength; lattice.bins])
+    }
+
     /// What each sorted carrier may do, within its reach and clear of its bin's edges.
     fn freedoms(&self, sorted: &SortedByBin, lattice: &Lattice, state: &State) -> Vec<Freedom> {
         let freedom = |(&carrier, &t): (&u32, &f64)| {
@@ -268,7 +287,8 @@ impl<'a> Passes<'a> {
     }
 
     /// Allocates within each vertex's reach; where the target lies beyond what the bin's vertices
-    /// reach together, they are let go further, twice as far at a time.
+    /// reach together, they are let go further, twice as far at a time, and ever more alike:
+    /// neighbours that move together turn no triangle over, however far they go.
     fn allocate(
         &self,
         sorted: &SortedByBin,
@@ -285,7 +305,7 @@ impl<'a> Passes<'a> {
         let mut wide = narrow.freedoms.to_vec();
         for _ in 0..MOST_WIDENINGS {
             for (freedom, &t) in wide.iter_mut().zip(narrow.places) {
-                *freedom = Freedom::new(freedom.compliance, t, 2.0 * freedom.reach);
+                *freedom = Freedom::new(freedom.compliance.sqrt(), t, 2.0 * freedom.reach);
             }
             let problem = Allocation { freedoms: &wide, ..narrow };
             let solution = problem.solve(target);
