@@ -1,0 +1,442 @@
+//! Settings: defaults, then a TOML file, then `QUADMARK_...` in the environment, then flags;
+//! each layer over the one before it.
+//!
+//! [`Config::load`] is the only way in, so every `Config` in the program has been validated.
+//! This module must not open anything but the configuration file, and must not print a secret:
+//! the master key is never a flag (other users see the flags of a process) and never in `Debug`.
+
+use std::fmt;
+use std::net::SocketAddr;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde::Deserialize;
+use zeroize::Zeroizing;
+
+use crate::formats::Limits;
+
+/// Bytes of memory that one job is reckoned to need, per byte of its upload.
+pub const MEMORY_PER_UPLOAD_BYTE: u64 = 12;
+
+/// Why the configuration cannot be used. The text names the setting and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file named by `--config` or `QUADMARK_CONFIG` cannot be read.
+    #[error("the configuration file {path} cannot be read: {source}")]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is not TOML, or has a key that is no setting.
+    #[error("the configuration file {path} is not valid: {reason}")]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Line, column and what was expected.
+        reason: String,
+    },
+    /// A value that cannot work.
+    #[error("{setting}: {reason}")]
+    Invalid {
+        /// The setting's name, as in the TOML file.
+        setting: &'static str,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
+}
+
+/// A text that must not be printed: `Debug` shows nothing of it, memory is wiped on drop.
+#[derive(Clone, Deserialize)]
+#[serde(from = "String")]
+pub struct SecretText(Zeroizing<String>);
+
+impl From<String> for SecretText {
+    fn from(text: String) -> Self {
+        Self::new(text)
+    }
+}
+
+impl SecretText {
+    /// Wraps a secret.
+    #[must_use]
+    pub fn new(text: String) -> Self {
+        Self(Zeroizing::new(text))
+    }
+
+    /// The secret itself, for the one place that needs it.
+    #[must_use]
+    pub fn reveal(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Debug for SecretText {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("(secret)")
+    }
+}
+
+/// How log lines look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+/// Where the settings come from on a command line: the file's name, and flags over it.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct ConfigArgs {
+    /// TOML file with settings (the names are those of the flags, with `_` for `-`)
+    #[arg(long, env = "QUADMARK_CONFIG", value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Flags and environment.
+    #[command(flatten)]
+    pub settings: Settings,
+}
+
+/// One layer of settings: what it leaves open, the layer below decides.
+///
+/// A boolean flag may stand alone (`--insecure-listen`) or be given a value (`--keep-files=false`).
+#[derive(Debug, Clone, Default, Deserialize, clap::Args)]
+#[serde(deny_unknown_fields)]
+#[command(next_help_heading = "Settings")]
+pub struct Settings {
+    /// Address and port to listen on [default: 127.0.0.1:8080]
+    #[arg(long, env = "QUADMARK_LISTEN", value_name = "ADDR:PORT")]
+    pub listen: Option<SocketAddr>,
+    /// Directory of registry, files and master key file [default: ./data]
+    #[arg(long, env = "QUADMARK_DATA", value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// 64 hex digits that stand in for the master key file; not a flag.
+    #[arg(skip)]
+    pub master_key: Option<SecretText>,
+    /// File of master keys [default: master.keys in the data directory]
+    #[arg(long, env = "QUADMARK_MASTER_KEY_FILE", value_name = "FILE")]
+    pub master_key_file: Option<PathBuf>,
+    /// Listen on an address that other machines reach, although nothing authenticates them
+    #[arg(long, env = "QUADMARK_INSECURE_LISTEN", num_args = 0..=1, require_equals = true,
+          default_missing_value = "true", value_name = "BOOL")]
+    pub insecure_listen: Option<bool>,
+    /// Most bytes of one request body [default: 268435456]
+    #[arg(long, env = "QUADMARK_MAX_BODY_BYTES", value_name = "BYTES")]
+    pub max_body_bytes: Option<u64>,
+    /// Jobs that run at once [default: the number of cores]
+    #[arg(long, env = "QUADMARK_WORKERS", value_name = "COUNT")]
+    pub workers: Option<usize>,
+    /// Jobs that may wait for a worker; more are refused with 503 [default: 16]
+    #[arg(long, env = "QUADMARK_QUEUE", value_name = "COUNT")]
+    pub queue: Option<usize>,
+    /// Memory that running jobs may be reckoned to need together [default: 4294967296]
+    #[arg(long, env = "QUADMARK_MEMORY_BUDGET_BYTES", value_name = "BYTES")]
+    pub memory_budget_bytes: Option<u64>,
+    /// Seconds from the end of an upload to its answer, at most [default: 300]
+    #[arg(long, env = "QUADMARK_REQUEST_TIMEOUT", value_name = "SECONDS")]
+    pub request_timeout: Option<u64>,
+    /// Seconds that one upload may take, at most [default: 600]
+    #[arg(long, env = "QUADMARK_UPLOAD_TIMEOUT", value_name = "SECONDS")]
+    pub upload_timeout: Option<u64>,
+    /// Seconds that running requests get to end at shutdown [default: 30]
+    #[arg(long, env = "QUADMARK_SHUTDOWN_GRACE", value_name = "SECONDS")]
+    pub shutdown_grace: Option<u64>,
+    /// Files up to this size are also read back by an independent reader [default: 16777216]
+    #[arg(long, env = "QUADMARK_INDEPENDENT_CHECK_MAX_BYTES", value_name = "BYTES")]
+    pub independent_check_max_bytes: Option<u64>,
+    /// Keep every marked file, to hand it out again [default: true]
+    #[arg(long, env = "QUADMARK_KEEP_FILES", num_args = 0..=1, require_equals = true,
+          default_missing_value = "true", value_name = "BOOL")]
+    pub keep_files: Option<bool>,
+    /// Keep every host's geometry, for detectors that need it [default: true]
+    #[arg(long, env = "QUADMARK_KEEP_HOST", num_args = 0..=1, require_equals = true,
+          default_missing_value = "true", value_name = "BOOL")]
+    pub keep_host: Option<bool>,
+    /// log10 of the false-positive bound below which a verdict is `match` [default: -9]
+    #[arg(
+        long,
+        env = "QUADMARK_MATCH_THRESHOLD_LOG10",
+        value_name = "LOG10",
+        allow_negative_numbers = true
+    )]
+    pub match_threshold_log10: Option<f64>,
+    /// log10 of the bound below which a verdict is `inconclusive` [default: -3]
+    #[arg(
+        long,
+        env = "QUADMARK_INCONCLUSIVE_THRESHOLD_LOG10",
+        value_name = "LOG10",
+        allow_negative_numbers = true
+    )]
+    pub inconclusive_threshold_log10: Option<f64>,
+    /// Form of log lines [default: text]
+    #[arg(long, env = "QUADMARK_LOG_FORMAT", value_name = "FORMAT")]
+    pub log_format: Option<LogFormat>,
+    /// What to log: error, warn, info, debug, trace, or `target=level` pairs [default: info]
+    #[arg(long, env = "QUADMARK_LOG_LEVEL", value_name = "LEVEL")]
+    pub log_level: Option<String>,
+    /// Most vertices of one file [default: 50000000]
+    #[arg(long, env = "QUADMARK_MAX_VERTICES", value_name = "COUNT")]
+    pub max_vertices: Option<usize>,
+    /// Most triangles of one file [default: 100000000]
+    #[arg(long, env = "QUADMARK_MAX_TRIANGLES", value_name = "COUNT")]
+    pub max_triangles: Option<usize>,
+}
+
+macro_rules! layered {
+    ($top:ident over $below:ident: $($name:ident)*) => {
+        Settings { $($name: $top.$name.or($below.$name)),* }
+    };
+}
+
+impl Settings {
+    /// These settings, and those of `below` where these are silent.
+    #[must_use]
+    pub fn over(self, below: Self) -> Self {
+        let top = self;
+        layered!(top over below: listen data master_key master_key_file insecure_listen
+            max_body_bytes workers queue memory_budget_bytes request_timeout upload_timeout
+            shutdown_grace independent_check_max_bytes keep_files keep_host match_threshold_log10
+            inconclusive_threshold_log10 log_format log_level max_vertices max_triangles)
+    }
+
+    fn from_file(path: &Path) -> Result<Self, ConfigError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ConfigError::Unreadable { path: path.to_owned(), source })?;
+        // The message alone: the full text quotes the line, which may be the master key's.
+        toml::from_str(&text).map_err(|error: toml::de::Error| {
+            let line = error
+                .span()
+                .and_then(|span| text.get(..span.start))
+                .map_or(1, |before| before.matches('\n').count() + 1);
+            let reason = format!("line {line}: {}", without_values(error.message()));
+            ConfigError::Malformed { path: path.to_owned(), reason }
+        })
+    }
+}
+
+/// A parser's message without quoted values (`string "..."`), which may be a secret.
+fn without_values(message: &str) -> String {
+    match message.find("string \"") {
+        Some(at) => format!("{}a string of the wrong form", message.get(..at).unwrap_or_default()),
+        None => message.to_owned(),
+    }
+}
+
+/// Every setting, decided and validated.
+#[derive(Debug, Clone)]
+#[allow(missing_docs)] // each is documented where it is read: in `Settings`
+pub struct Config {
+    pub listen: SocketAddr,
+    pub data: PathBuf,
+    pub master_key: Option<SecretText>,
+    pub master_key_file: PathBuf,
+    pub insecure_listen: bool,
+    pub max_body_bytes: u64,
+    pub workers: usize,
+    pub queue: usize,
+    pub memory_budget_bytes: u64,
+    pub request_timeout: Duration,
+    pub upload_timeout: Duration,
+    pub shutdown_grace: Duration,
+    pub independent_check_max_bytes: usize,
+    pub keep_files: bool,
+    pub keep_host: bool,
+    pub match_threshold_log10: f64,
+    pub inconclusive_threshold_log10: f64,
+    pub log_format: LogFormat,
+    pub log_level: String,
+    pub limits: Limits,
+}
+
+impl Config {
+    /// Reads the file if one is named, lays environment and flags over it, and validates.
+    ///
+    /// # Errors
+    /// [`ConfigError`], naming the file or the setting.
+    pub fn load(args: ConfigArgs) -> Result<Self, ConfigError> {
+        let file = args.config.as_deref().map(Settings::from_file).transpose()?;
+        let mut settings = args.settings;
+        if settings.master_key.is_none() {
+            settings.master_key = std::env::var("QUADMARK_MASTER_KEY").ok().map(SecretText::new);
+        }
+        Self::decide(settings.over(file.unwrap_or_default()))
+    }
+
+    /// Fills in the defaults and validates.
+    ///
+    /// # Errors
+    /// [`ConfigError::Invalid`], naming the setting.
+    pub fn decide(settings: Settings) -> Result<Self, ConfigError> {
+        let data = settings.data.unwrap_or_else(|| PathBuf::from("data"));
+        let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+        let max_body_bytes = settings.max_body_bytes.unwrap_or(256 << 20);
+        let standard = Limits::default();
+        let too_large = |setting| ConfigError::Invalid {
+            setting,
+            reason: "more than this machine can address; choose a smaller number".to_owned(),
+        };
+        let config = Self {
+            listen: settings.listen.unwrap_or_else(|| SocketAddr::from(([127, 0, 0, 1], 8080))),
+            master_key: settings.master_key,
+            master_key_file: settings.master_key_file.unwrap_or_else(|| data.join("master.keys")),
+            insecure_listen: settings.insecure_listen.unwrap_or(false),
+            max_body_bytes,
+            workers: settings.workers.unwrap_or(cores),
+            queue: settings.queue.unwrap_or(16),
+            memory_budget_bytes: settings.memory_budget_bytes.unwrap_or(4 << 30),
+            request_timeout: Duration::from_secs(settings.request_timeout.unwrap_or(300)),
+            upload_timeout: Duration::from_secs(settings.upload_timeout.unwrap_or(600)),
+            shutdown_grace: Duration::from_secs(settings.shutdown_grace.unwrap_or(30)),
+            independent_check_max_bytes: usize::try_from(
+                settings.independent_check_max_bytes.unwrap_or(16 << 20),
+            )
+            .map_err(|_| too_large("independent_check_max_bytes"))?,
+            keep_files: settings.keep_files.unwrap_or(true),
+            keep_host: settings.keep_host.unwrap_or(true),
+            match_threshold_log10: settings.match_threshold_log10.unwrap_or(-9.0),
+            inconclusive_threshold_log10: settings.inconclusive_threshold_log10.unwrap_or(-3.0),
+            log_format: settings.log_format.unwrap_or(LogFormat::Text),
+            log_level: settings.log_level.unwrap_or_else(|| "info".to_owned()),
+            limits: Limits {
+                max_vertices: settings.max_vertices.unwrap_or(standard.max_vertices),
+                max_triangles: settings.max_triangles.unwrap_or(standard.max_triangles),
+                max_bytes: usize::try_from(max_body_bytes)
+                    .map_err(|_| too_large("max_body_bytes"))?,
+            },
+            data,
+        };
+        config.validate()?;
+        Ok(config)
+    }
+
+    fn validate(&self) -> Result<(), ConfigError> {
+        let refuse = |setting, reason: &str| {
+            Err(ConfigError::Invalid { setting, reason: reason.to_owned() })
+        };
+        if !self.insecure_listen && !self.listen.ip().is_loopback() {
+            return refuse(
+                "listen",
+                "this address can be reached from other machines and the service does not \
+                 authenticate them; listen on 127.0.0.1 behind a proxy that does, or say \
+                 --insecure-listen if the network is trusted",
+            );
+        }
+        if self.workers == 0 || self.workers > 1024 {
+            return refuse("workers", "must be from 1 to 1024");
+        }
+        if self.queue > 100_000 {
+            return refuse("queue", "must be at most 100000");
+        }
+        if self.max_body_bytes == 0 {
+            return refuse("max_body_bytes", "must be at least 1");
+        }
+        if self.memory_budget_bytes == 0 {
+            return refuse("memory_budget_bytes", "must be at least 1");
+        }
+        let timeouts = [
+            ("request_timeout", self.request_timeout),
+            ("upload_timeout", self.upload_timeout),
+            ("shutdown_grace", self.shutdown_grace),
+        ];
+        for (setting, timeout) in timeouts {
+            if timeout.is_zero() || timeout > Duration::from_secs(7 * 24 * 3600) {
+                return refuse(setting, "must be from 1 second to 7 days (604800)");
+            }
+        }
+        let certain = self.match_threshold_log10;
+        let unclear = self.inconclusive_threshold_log10;
+        if !(-300.0..0.0).contains(&certain) {
+            return refuse(
+                "match_threshold_log10",
+                "must be below 0 and at least -300, such as -9: one false match in 10^9 requests",
+            );
+        }
+        if !(certain..=0.0).contains(&unclear) {
+            return refuse(
+                "inconclusive_threshold_log10",
+                "must lie between match_threshold_log10 and 0",
+            );
+        }
+        if self.limits.max_vertices == 0 || u32::try_from(self.limits.max_vertices).is_err() {
+            return refuse("max_vertices", "must be from 1 to 4294967295");
+        }
+        if self.limits.max_triangles == 0 || u32::try_from(self.limits.max_triangles).is_err() {
+            return refuse("max_triangles", "must be from 1 to 4294967295");
+        }
+        if self.log_level.parse::<tracing_subscriber::EnvFilter>().is_err() {
+            return refuse("log_level", "must be error, warn, info, debug, trace, or target=level");
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Args, FromArgMatches};
+
+    fn from_flags(flags: &[&str]) -> Settings {
+        let command = ConfigArgs::augment_args(clap::Command::new("serve"));
+        let words = std::iter::once("serve").chain(flags.iter().copied());
+        ConfigArgs::from_arg_matches(&command.get_matches_from(words)).unwrap().settings
+    }
+
+    #[test]
+    fn defaults_need_nothing() {
+        let config = Config::decide(Settings::default()).unwrap();
+        assert_eq!(config.listen.to_string(), "127.0.0.1:8080");
+        assert_eq!(config.data, Path::new("data"));
+        assert_eq!(config.master_key_file, Path::new("data/master.keys"));
+        assert_eq!(config.max_body_bytes, 268_435_456);
+        assert!(config.keep_files && config.keep_host && !config.insecure_listen);
+    }
+
+    #[test]
+    fn flags_win_over_the_file() {
+        let file: Settings = toml::from_str("queue = 3\nworkers = 7\nkeep_files = true").unwrap();
+        let flags = from_flags(&["--queue", "5", "--keep-files=false", "--data", "/tmp/x"]);
+        let config = Config::decide(flags.over(file)).unwrap();
+        assert_eq!((config.queue, config.workers, config.keep_files), (5, 7, false));
+        assert_eq!(config.master_key_file, Path::new("/tmp/x/master.keys"));
+    }
+
+    #[test]
+    fn refusals_name_the_setting() {
+        let cases = [
+            ("listen = '0.0.0.0:80'", "listen"),
+            ("workers = 0", "workers"),
+            ("queue = 1000000", "queue"),
+            ("max_body_bytes = 0", "max_body_bytes"),
+            ("request_timeout = 0", "request_timeout"),
+            ("match_threshold_log10 = 1.0", "match_threshold_log10"),
+            ("match_threshold_log10 = nan", "match_threshold_log10"),
+            ("inconclusive_threshold_log10 = -20.0", "inconclusive_threshold_log10"),
+            ("max_vertices = 5000000000", "max_vertices"),
+            ("log_level = '=='", "log_level"),
+        ];
+        for (text, setting) in cases {
+            let error = Config::decide(toml::from_str(text).unwrap()).unwrap_err();
+            assert!(error.to_string().starts_with(setting), "{text}: {error}");
+        }
+        let open = "listen = '0.0.0.0:80'\ninsecure_listen = true";
+        assert!(Config::decide(toml::from_str(open).unwrap()).is_ok());
+    }
+
+    #[test]
+    fn unknown_keys_and_secrets_in_files() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("quadmark.toml");
+        std::fs::write(&path, "queue = 3\nqueu = 4\n").unwrap();
+        let error = Settings::from_file(&path).unwrap_err().to_string();
+        assert!(error.contains("line 2") && error.contains("queu"), "{error}");
+        std::fs::write(&path, "queue = \"cafe0123\"\n").unwrap();
+        let error = Settings::from_file(&path).unwrap_err().to_string();
+        assert!(error.contains("line 1") && !error.contains("cafe0123"), "{error}");
+        std::fs::write(&path, "master_key = \"cafe0123\"\n").unwrap();
+        let settings = Settings::from_file(&path).unwrap();
+        assert!(!format!("{settings:?}").contains("cafe0123"));
+    }
+}

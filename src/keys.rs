@@ -1,0 +1,423 @@
+//! Master keys: where they are kept, how they are named, and how mark keys come from them.
+//!
+//! Secrets stay here (design invariant 6). What leaves this module is a key id, which tells
+//! nothing about the key, or the mark key of one record. Nothing here logs, and no error or
+//! `Debug` text contains key material. This module must not know about the registry or HTTP.
+
+use std::fmt;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+
+use hkdf::Hkdf;
+use sha2::{Digest, Sha256};
+use zeroize::{Zeroize, Zeroizing};
+
+/// Bytes of a master key, of a mark key and of a salt.
+pub const KEY_BYTES: usize = 32;
+
+const KEY_ID_LABEL: &[u8] = b"quadmark/1/key-id";
+const MARK_KEY_LABEL: &[u8] = b"quadmark/1/mark";
+/// A key file holds a line of 74 bytes a key; this is room for thousands of rotations.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+
+/// Why there is no usable key. The text tells the operator what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum KeyError {
+    /// The system refused.
+    #[error("the master key file {path} cannot be used: {source}")]
+    Io {
+        /// The key file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Others than the owner can read or write the file.
+    #[error("the master key file {path} can be read by others (mode {mode:03o}): run chmod 600 {path}", path = path.display())]
+    Exposed {
+        /// The key file.
+        path: PathBuf,
+        /// Its permission bits.
+        mode: u32,
+    },
+    /// The file is there but not what it should be.
+    #[error("the master key file {path}, line {line}: {reason}", path = path.display())]
+    Malformed {
+        /// The key file.
+        path: PathBuf,
+        /// One-based line number.
+        line: usize,
+        /// What is expected; never what was found.
+        reason: &'static str,
+    },
+    /// `QUADMARK_MASTER_KEY` is not a key.
+    #[error(
+        "master_key must be 64 hexadecimal digits (32 bytes); make one with: openssl rand -hex 32"
+    )]
+    BadMasterKey,
+    /// A record names a key that is not in the ring.
+    #[error("master key {0} is not in the key file: restore the file from its backup")]
+    Unknown(String),
+    /// No randomness from the system.
+    #[error("the system gave no random bytes: {0}")]
+    Random(getrandom::Error),
+    /// The key ring came from the environment, so there is no file to append to.
+    #[error("the master key comes from QUADMARK_MASTER_KEY: unset it to work with the key file")]
+    NoFile,
+}
+
+struct MasterKey {
+    id: String,
+    bytes: Zeroizing<[u8; KEY_BYTES]>,
+}
+
+impl MasterKey {
+    fn new(bytes: Zeroizing<[u8; KEY_BYTES]>) -> Self {
+        Self { id: key_id(&bytes), bytes }
+    }
+
+    fn random() -> Result<Self, KeyError> {
+        let mut bytes = Zeroizing::new([0; KEY_BYTES]);
+        getrandom::fill(bytes.as_mut()).map_err(KeyError::Random)?;
+        Ok(Self::new(bytes))
+    }
+
+    fn line(&self) -> Zeroizing<String> {
+        let hex = Zeroizing::new(hex::encode(self.bytes.as_ref()));
+        Zeroizing::new(format!("{} {}\n", self.id, hex.as_str()))
+    }
+}
+
+/// The first 8 hex digits of SHA-256("quadmark/1/key-id" || key): names a key, tells nothing of it.
+fn key_id(key: &[u8; KEY_BYTES]) -> String {
+    let mut hash = Sha256::new();
+    hash.update(KEY_ID_LABEL);
+    hash.update(key);
+    hash.finalize().iter().take(4).map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// All master keys: the last one makes new marks, the others still verify old ones.
+pub struct KeyRing {
+    keys: Vec<MasterKey>,
+    file: Option<PathBuf>,
+}
+
+impl fmt::Debug for KeyRing {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_list().entries(self.ids()).finish()
+    }
+}
+
+impl KeyRing {
+    /// One key from 64 hex digits (`QUADMARK_MASTER_KEY`), instead of a file.
+    ///
+    /// # Errors
+    /// [`KeyError::BadMasterKey`].
+    pub fn from_hex(text: &str) -> Result<Self, KeyError> {
+        let bytes = key_from_hex(text.trim()).ok_or(KeyError::BadMasterKey)?;
+        Ok(Self { keys: vec![MasterKey::new(bytes)], file: None })
+    }
+
+    /// Reads the key file; where there is none, makes one with a fresh key, mode 0600.
+    ///
+    /// The flag says whether the file was made just now, so that the caller can tell the operator
+    /// to back it up.
+    ///
+    /// # Errors
+    /// [`KeyError`]: unreadable, readable by others, malformed.
+    pub fn open_or_create(path: &Path) -> Result<(Self, bool), KeyError> {
+        match Self::open(path) {
+            Err(KeyError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => {
+                Ok((Self::create(path)?, true))
+            }
+            other => other.map(|ring| (ring, false)),
+        }
+    }
+
+    /// Reads an existing key file.
+    ///
+    /// # Errors
+    /// [`KeyError`]: missing, unreadable, readable by others, malformed.
+    pub fn open(path: &Path) -> Result<Self, KeyError> {
+        let failed = |source| KeyError::Io { path: path.to_owned(), source };
+        let file = File::open(path).map_err(failed)?;
+        check_mode(&file, path)?;
+        let mut text = Zeroizing::new(String::with_capacity(4096));
+        file.take(MAX_FILE_BYTES).read_to_string(&mut text).map_err(failed)?;
+        let keys = parse(&text).map_err(|(line, reason)| KeyError::Malformed {
+            path: path.to_owned(),
+            line,
+            reason,
+        })?;
+        Ok(Self { keys, file: Some(path.to_owned()) })
+    }
+
+    fn create(path: &Path) -> Result<Self, KeyError> {
+        let key = MasterKey::random()?;
+        write_new(path, &key.line())
+            .map_err(|source| KeyError::Io { path: path.to_owned(), source })?;
+        // Read what is there now: another process may have been first.
+        Self::open(path)
+    }
+
+    /// Appends a fresh key to the file and makes it the current one. Returns its id.
+    ///
+    /// # Errors
+    /// [`KeyError::NoFile`] for a ring from the environment; [`KeyError::Io`].
+    pub fn rotate(&mut self) -> Result<String, KeyError> {
+        let path = self.file.clone().ok_or(KeyError::NoFile)?;
+        let failed = |source| KeyError::Io { path: path.clone(), source };
+        let key = MasterKey::random()?;
+        let mut text = Zeroizing::new(String::with_capacity((self.keys.len() + 1) * 80));
+        for known in self.keys.iter().chain(std::iter::once(&key)) {
+            text.push_str(&known.line());
+        }
+        // A new file in the place of the old one: a crash leaves all keys or all keys and one more.
+        replace(&path, &text).map_err(failed)?;
+        let id = key.id.clone();
+        self.keys.push(key);
+        Ok(id)
+    }
+
+    /// The ids, oldest first; the last one is current.
+    pub fn ids(&self) -> impl Iterator<Item = &str> {
+        self.keys.iter().map(|key| key.id.as_str())
+    }
+
+    /// The id of the key that new marks use.
+    #[must_use]
+    pub fn current(&self) -> &str {
+        self.keys.last().map_or("", |key| key.id.as_str())
+    }
+
+    /// The mark key of one record:
+    /// HKDF-SHA256(master key, salt, "quadmark/1/mark" || owner id).
+    ///
+    /// # Errors
+    /// [`KeyError::Unknown`] when the ring does not hold the master key.
+    pub fn mark_key(
+        &self,
+        key_id: &str,
+        salt: &[u8; KEY_BYTES],
+        owner_id: &str,
+    ) -> Result<Zeroizing<[u8; KEY_BYTES]>, KeyError> {
+        let unknown = || KeyError::Unknown(key_id.to_owned());
+        let master = self.keys.iter().find(|key| key.id == key_id).ok_or_else(unknown)?;
+        let mut mark_key = Zeroizing::new([0; KEY_BYTES]);
+        Hkdf::<Sha256>::new(Some(salt), master.bytes.as_ref())
+            .expand_multi_info(&[MARK_KEY_LABEL, owner_id.as_bytes()], mark_key.as_mut())
+            // Only lengths over 8160 bytes fail; this is 32.
+            .map_err(|_| unknown())?;
+        Ok(mark_key)
+    }
+}
+
+/// Random bytes from the system, for salts and messages.
+///
+/// # Errors
+/// [`KeyError::Random`].
+pub fn random_bytes<const N: usize>() -> Result<[u8; N], KeyError> {
+    let mut bytes = [0; N];
+    getrandom::fill(&mut bytes).map_err(KeyError::Random)?;
+    Ok(bytes)
+}
+
+fn key_from_hex(text: &str) -> Option<Zeroizing<[u8; KEY_BYTES]>> {
+    let mut bytes = Zeroizing::new([0; KEY_BYTES]);
+    hex::decode_to_slice(text, bytes.as_mut()).ok()?;
+    Some(bytes)
+}
+
+fn parse(text: &str) -> Result<Vec<MasterKey>, (usize, &'static str)> {
+    let mut keys: Vec<MasterKey> = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let line_number = index + 1;
+        if line.trim().is_empty() {
+            continue;
+        }
+        let (id, hex) = line.trim().split_once(' ').ok_or((
+            line_number,
+            "expected a key id of 8 hex digits, a space, and the key as 64 hex digits",
+        ))?;
+        let bytes = key_from_hex(hex.trim())
+            .ok_or((line_number, "the key is not 64 hexadecimal digits"))?;
+        let key = MasterKey::new(bytes);
+        // A mistyped or bit-rotten key would silently verify nothing.
+        if key.id != id {
+            return Err((line_number, "the key does not belong to its id: it was damaged"));
+        }
+        if keys.iter().any(|known| known.id == key.id) {
+            return Err((line_number, "this key stands in the file twice"));
+        }
+        keys.push(key);
+    }
+    if keys.is_empty() {
+        return Err((
+            1,
+            "the file holds no key: restore it from its backup, or delete it to start anew",
+        ));
+    }
+    Ok(keys)
+}
+
+#[cfg(unix)]
+fn check_mode(file: &File, path: &Path) -> Result<(), KeyError> {
+    use std::os::unix::fs::PermissionsExt;
+    let metadata =
+        file.metadata().map_err(|source| KeyError::Io { path: path.to_owned(), source })?;
+    let mode = metadata.permissions().mode() & 0o777;
+    if mode & 0o077 != 0 {
+        return Err(KeyError::Exposed { path: path.to_owned(), mode });
+    }
+    Ok(())
+}
+
+#[cfg(not(unix))]
+fn check_mode(_: &File, _: &Path) -> Result<(), KeyError> {
+    Ok(())
+}
+
+fn private_file(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options.open(path)
+}
+
+/// A whole new file beside `path`, on the disk before it gets its name.
+fn written_beside(path: &Path, text: &str) -> io::Result<PathBuf> {
+    let mut name = path.as_os_str().to_owned();
+    name.push(format!(".new-{}", uuid::Uuid::now_v7().simple()));
+    let beside = PathBuf::from(name);
+    let mut file = private_file(&beside)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()?;
+    Ok(beside)
+}
+
+/// Creates the file whole or not at all; keeps one that is already there.
+fn write_new(path: &Path, text: &str) -> io::Result<()> {
+    if let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        std::fs::create_dir_all(parent)?;
+    }
+    let beside = written_beside(path, text)?;
+    let linked = std::fs::hard_link(&beside, path);
+    let removed = std::fs::remove_file(&beside);
+    match linked {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => removed,
+        other => other.and(removed).and_then(|()| sync_directory(path)),
+    }
+}
+
+fn replace(path: &Path, text: &str) -> io::Result<()> {
+    let beside = written_beside(path, text)?;
+    std::fs::rename(&beside, path)?;
+    sync_directory(path)
+}
+
+fn sync_directory(path: &Path) -> io::Result<()> {
+    match path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        Some(parent) => File::open(parent)?.sync_all(),
+        None => File::open(".")?.sync_all(),
+    }
+}
+
+impl Drop for KeyRing {
+    fn drop(&mut self) {
+        for key in &mut self.keys {
+            key.bytes.zeroize();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KEY: &str = "000102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1e1f";
+
+    #[test]
+    fn golden_derivation() {
+        // Computed apart from this code, with hmac and hashlib of another language.
+        let ring = KeyRing::from_hex(KEY).unwrap();
+        assert_eq!(ring.current(), "7f2971a5");
+        let key = ring.mark_key(ring.current(), &[7; 32], "acme").unwrap();
+        assert_eq!(
+            hex::encode(key.as_ref()),
+            "0533412e5111fde2d35eed8de188fa8b3ded73fbd757ac0570d51fab17239232"
+        );
+    }
+
+    #[test]
+    fn every_input_changes_the_mark_key() {
+        let ring = KeyRing::from_hex(KEY).unwrap();
+        let other = KeyRing::from_hex(&"ab".repeat(32)).unwrap();
+        let key =
+            |ring: &KeyRing, salt, owner| ring.mark_key(ring.current(), &salt, owner).unwrap();
+        let all = [
+            key(&ring, [7; 32], "acme"),
+            key(&ring, [8; 32], "acme"),
+            key(&ring, [7; 32], "acmf"),
+            key(&other, [7; 32], "acme"),
+        ];
+        for (i, a) in all.iter().enumerate() {
+            assert!(all.iter().skip(i + 1).all(|b| a.as_ref() != b.as_ref()));
+        }
+        assert!(matches!(ring.mark_key("00000000", &[7; 32], "acme"), Err(KeyError::Unknown(_))));
+    }
+
+    #[test]
+    fn created_once_private_and_read_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("deep/er/master.keys");
+        let (ring, created) = KeyRing::open_or_create(&path).unwrap();
+        assert!(created);
+        let (again, created) = KeyRing::open_or_create(&path).unwrap();
+        assert!(!created);
+        assert_eq!(ring.current(), again.current());
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+            assert_eq!(mode(&path), 0o600);
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o644)).unwrap();
+            let error = KeyRing::open_or_create(&path).unwrap_err().to_string();
+            assert!(error.contains("chmod 600"), "{error}");
+        }
+        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn rotation_keeps_old_keys() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("master.keys");
+        let (mut ring, _) = KeyRing::open_or_create(&path).unwrap();
+        let first = ring.current().to_owned();
+        let old = ring.mark_key(&first, &[1; 32], "acme").unwrap();
+        let second = ring.rotate().unwrap();
+        let again = KeyRing::open(&path).unwrap();
+        assert_eq!(again.ids().collect::<Vec<_>>(), [first.as_str(), second.as_str()]);
+        assert_eq!(again.current(), second);
+        assert_eq!(again.mark_key(&first, &[1; 32], "acme").unwrap().as_ref(), old.as_ref());
+        assert!(matches!(KeyRing::from_hex(KEY).unwrap().rotate(), Err(KeyError::NoFile)));
+    }
+
+    #[test]
+    fn damaged_files_are_refused_without_showing_keys() {
+        let good = MasterKey::new(key_from_hex(KEY).unwrap());
+        let cases = [
+            String::new(),
+            "nonsense\n".to_owned(),
+            format!("12345678 {KEY}\n"),
+            format!("{} {}\n", good.id, KEY.get(..62).unwrap()),
+            format!("{}{}", good.line().as_str(), good.line().as_str()),
+        ];
+        for text in cases {
+            assert!(parse(&text).is_err(), "{text}");
+        }
+        assert!(KeyRing::from_hex("abc").is_err());
+        let ring = KeyRing::from_hex(KEY).unwrap();
+        assert!(!format!("{ring:?}").contains("0001"));
+    }
+}

@@ -1,0 +1,113 @@
+//! The registry: which marks exist, and what is needed to recognise them.
+//!
+//! [`Registry`] is what the service needs of a database; [`Sqlite`] is the one that needs nothing
+//! installed. This is the only module that knows SQL. It must not know about HTTP, about files,
+//! or about keys: a record names its master key by id and holds its salt, nothing more.
+
+mod record;
+mod sqlite;
+mod sqlite_rows;
+
+use async_trait::async_trait;
+use uuid::Uuid;
+
+pub use record::{Cursor, Filter, IdempotencyEntry, Page, Record, StoredVerification};
+pub use sqlite::Sqlite;
+#[cfg(test)]
+pub(crate) use sqlite_rows::sample_record;
+
+/// Why the registry could not do what was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum RegistryError {
+    /// Another process has the data directory open.
+    #[error(
+        "the data directory {0} is in use by another quadmark process; stop that one first, or \
+         choose another directory with --data (one process per data directory: each keeps its \
+         own index of marks in memory)"
+    )]
+    InUse(String),
+    /// The data directory cannot be used.
+    #[error("the data directory {path} cannot be used: {source}")]
+    Directory {
+        /// The directory.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The idempotency key was registered in the meantime, by a request that ran at the same time.
+    #[error("the idempotency key was used by another request in the meantime")]
+    IdempotencyTaken,
+    /// A row that this version cannot read.
+    #[error("registry row {id}: {reason}")]
+    BadRow {
+        /// The row.
+        id: String,
+        /// Which column, and why.
+        reason: String,
+    },
+    /// The database refused.
+    #[error("registry: {0}")]
+    Database(#[from] sqlx::Error),
+    /// The schema could not be brought up to date.
+    #[error("registry schema: {0}")]
+    Migration(#[from] sqlx::migrate::MigrateError),
+}
+
+/// What the service needs of a registry. Every method is one transaction.
+#[async_trait]
+pub trait Registry: Send + Sync {
+    /// Registers a record and, with it, the idempotency key it answers.
+    async fn register(
+        &self,
+        record: &Record,
+        idempotency: Option<&IdempotencyEntry>,
+    ) -> Result<(), RegistryError>;
+
+    /// One record, revoked or not.
+    async fn record(&self, id: Uuid) -> Result<Option<Record>, RegistryError>;
+
+    /// A page of records, newest first, revoked ones included.
+    async fn page(
+        &self,
+        filter: &Filter,
+        after: Option<Cursor>,
+        limit: u32,
+    ) -> Result<Page, RegistryError>;
+
+    /// At most `limit` records that are not revoked, of one owner or of all, oldest first,
+    /// after `after`.
+    async fn live(
+        &self,
+        owner_id: Option<&str>,
+        after: Option<Uuid>,
+        limit: u32,
+    ) -> Result<Vec<Record>, RegistryError>;
+
+    /// Marks a record as revoked, if it is not already; the record as it then is.
+    async fn revoke(&self, id: Uuid, at: jiff::Timestamp) -> Result<Option<Record>, RegistryError>;
+
+    /// Which of these ids have a record: for sweeping blobs that no record owns.
+    async fn exists(&self, id: Uuid) -> Result<bool, RegistryError>;
+
+    /// The fingerprint and the record that an idempotency key of this owner stands for.
+    async fn idempotency(
+        &self,
+        owner_id: &str,
+        key: &str,
+    ) -> Result<Option<IdempotencyEntry>, RegistryError>;
+
+    /// Keeps a verdict.
+    async fn keep_verification(
+        &self,
+        verification: &StoredVerification,
+    ) -> Result<(), RegistryError>;
+
+    /// A verdict as it was answered.
+    async fn verification(&self, id: Uuid) -> Result<Option<StoredVerification>, RegistryError>;
+
+    /// Whether the registry answers.
+    async fn ping(&self) -> Result<(), RegistryError>;
+
+    /// Ends all connections; what was written is on the disk.
+    async fn close(&self);
+}

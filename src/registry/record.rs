@@ -1,0 +1,141 @@
+//! Records and the small types around them.
+//!
+//! Must not know how they are stored.
+
+use base64::Engine as _;
+use base64::prelude::BASE64_URL_SAFE_NO_PAD;
+use jiff::Timestamp;
+use uuid::Uuid;
+
+use crate::formats::Format;
+use crate::watermark::{BitCount, Frame, Method, Strength};
+
+/// One registered mark.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// UUID version 7: ids are in order of registration.
+    pub id: Uuid,
+    /// Whose mark it is.
+    pub owner_id: String,
+    /// To whom this copy went.
+    pub recipient: Option<String>,
+    /// Free text of the owner.
+    pub label: Option<String>,
+    /// How it was embedded.
+    pub method: Method,
+    /// Version of the watermark scheme; later releases still read it.
+    pub scheme: u16,
+    /// Embedding strength.
+    pub strength: Strength,
+    /// Length of the message.
+    pub bits: BitCount,
+    /// Which master key; never the key itself.
+    pub key_id: String,
+    /// Random, an input of the mark key's derivation.
+    pub salt: [u8; 32],
+    /// The message, most significant bit first.
+    pub message: Vec<u8>,
+    /// What the caller asked to embed, if anything.
+    pub payload: Option<Vec<u8>>,
+    /// The host's frame, for detection in place.
+    pub frame: Frame,
+    /// SHA-256 of the host file.
+    pub host_sha256: [u8; 32],
+    /// SHA-256 of the marked file.
+    pub marked_sha256: [u8; 32],
+    /// Length of the marked file.
+    pub marked_bytes: u64,
+    /// Format of both files.
+    pub format: Format,
+    /// File name of the upload.
+    pub file_name: Option<String>,
+    /// Vertices of the mesh.
+    pub vertices: u64,
+    /// Triangles of the mesh.
+    pub triangles: u64,
+    /// Bins that carry a bit.
+    pub usable_bins: u32,
+    /// The marked file is in the blob store.
+    pub file_kept: bool,
+    /// The host's geometry is in the blob store.
+    pub host_kept: bool,
+    /// When it was registered.
+    pub created_at: Timestamp,
+    /// When it was revoked; a revoked mark is kept and not searched.
+    pub revoked_at: Option<Timestamp>,
+}
+
+/// Which records a page shows.
+#[derive(Debug, Clone, Default)]
+pub struct Filter {
+    /// Only this owner's.
+    pub owner_id: Option<String>,
+    /// Only copies for this recipient.
+    pub recipient: Option<String>,
+}
+
+/// Where a page ends; opaque to callers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Cursor(pub(super) Uuid);
+
+impl Cursor {
+    /// The text that callers hand back.
+    #[must_use]
+    pub fn to_text(self) -> String {
+        BASE64_URL_SAFE_NO_PAD.encode(self.0.as_bytes())
+    }
+
+    /// Reads what [`Cursor::to_text`] wrote; `None` for anything else.
+    #[must_use]
+    pub fn from_text(text: &str) -> Option<Self> {
+        let bytes = BASE64_URL_SAFE_NO_PAD.decode(text).ok()?;
+        Uuid::from_slice(&bytes).ok().map(Self)
+    }
+}
+
+/// A page of records, newest first.
+#[derive(Debug)]
+pub struct Page {
+    /// The records.
+    pub records: Vec<Record>,
+    /// Where the next page begins; `None` on the last one.
+    pub next: Option<Cursor>,
+}
+
+/// What an idempotency key was used for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct IdempotencyEntry {
+    /// The owner whose key it is: two owners may choose the same key.
+    pub owner_id: String,
+    /// The caller's key.
+    pub key: String,
+    /// SHA-256 over the parameters of the request and its file's hash.
+    pub fingerprint: [u8; 32],
+    /// The record it made.
+    pub watermark_id: Uuid,
+}
+
+/// A verdict as it was answered.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredVerification {
+    /// UUID version 7.
+    pub id: Uuid,
+    /// When it was answered.
+    pub created_at: Timestamp,
+    /// The answer.
+    pub answer: serde_json::Value,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cursors_survive_and_nonsense_does_not() {
+        let cursor = Cursor(Uuid::now_v7());
+        assert_eq!(Cursor::from_text(&cursor.to_text()), Some(cursor));
+        for text in ["", "abc", "!!!!", &"A".repeat(500), "AAAAAAAAAAAAAAAAAAAAAA=="] {
+            assert_eq!(Cursor::from_text(text), None, "{text}");
+        }
+    }
+}

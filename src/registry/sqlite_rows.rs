@@ -1,0 +1,161 @@
+//! Records to SQLite rows and back.
+//!
+//! What a row holds is parsed, not trusted: a value that this version does not know is an error
+//! that names the row and the column.
+
+use std::fmt::Display;
+
+use glam::DVec3;
+use jiff::Timestamp;
+use sqlx::Row;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+
+use super::RegistryError;
+use super::record::Record;
+use crate::formats::Format;
+use crate::watermark::{BitCount, Frame, Strength};
+
+pub(super) fn bad_row(id: &impl Display, column: &str) -> RegistryError {
+    let reason = format!("column {column} holds a value that this version cannot read");
+    RegistryError::BadRow { id: id.to_string(), reason }
+}
+
+pub(super) fn bytes32(bytes: &[u8]) -> Option<[u8; 32]> {
+    bytes.try_into().ok()
+}
+
+pub(super) async fn insert_record(
+    connection: &mut SqliteConnection,
+    record: &Record,
+) -> Result<(), RegistryError> {
+    let whole = |count: u64, column| i64::try_from(count).map_err(|_| bad_row(&record.id, column));
+    sqlx::query(
+        "INSERT INTO watermarks (id, owner_id, recipient, label, method, scheme, strength, bits,
+             key_id, salt, message, payload, centre_x, centre_y, centre_z, rho_min, rho_max,
+             host_sha256, marked_sha256, marked_bytes, format, file_name, vertices, triangles,
+             usable_bins, file_kept, host_kept, created_at, revoked_at)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(record.id.to_string())
+    .bind(&record.owner_id)
+    .bind(&record.recipient)
+    .bind(&record.label)
+    .bind(record.method.to_string())
+    .bind(i64::from(record.scheme))
+    .bind(record.strength.get())
+    .bind(whole(record.bits.get() as u64, "bits")?)
+    .bind(&record.key_id)
+    .bind(record.salt.as_slice())
+    .bind(record.message.as_slice())
+    .bind(record.payload.as_deref())
+    .bind(record.frame.centre.x)
+    .bind(record.frame.centre.y)
+    .bind(record.frame.centre.z)
+    .bind(record.frame.rho_min)
+    .bind(record.frame.rho_max)
+    .bind(record.host_sha256.as_slice())
+    .bind(record.marked_sha256.as_slice())
+    .bind(whole(record.marked_bytes, "marked_bytes")?)
+    .bind(record.format.extension())
+    .bind(&record.file_name)
+    .bind(whole(record.vertices, "vertices")?)
+    .bind(whole(record.triangles, "triangles")?)
+    .bind(i64::from(record.usable_bins))
+    .bind(record.file_kept)
+    .bind(record.host_kept)
+    .bind(record.created_at.as_microsecond())
+    .bind(record.revoked_at.map(Timestamp::as_microsecond))
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> {
+    let id_text: String = row.try_get("id")?;
+    let bad = |column| bad_row(&id_text, column);
+    let unsigned = |column| u64::try_from(row.try_get::<i64, _>(column)?).map_err(|_| bad(column));
+    let hash = |column| bytes32(&row.try_get::<Vec<u8>, _>(column)?).ok_or_else(|| bad(column));
+    let time =
+        |microseconds, column| Timestamp::from_microsecond(microseconds).map_err(|_| bad(column));
+    let bits = u32::try_from(unsigned("bits")?).map_err(|_| bad("bits"))?;
+    let format: String = row.try_get("format")?;
+    let method: String = row.try_get("method")?;
+    Ok(Record {
+        id: id_text.parse().map_err(|_| bad("id"))?,
+        owner_id: row.try_get("owner_id")?,
+        recipient: row.try_get("recipient")?,
+        label: row.try_get("label")?,
+        method: method.parse().map_err(|_| bad("method"))?,
+        scheme: u16::try_from(unsigned("scheme")?).map_err(|_| bad("scheme"))?,
+        strength: Strength::new(row.try_get("strength")?).map_err(|_| bad("strength"))?,
+        bits: BitCount::new(bits).map_err(|_| bad("bits"))?,
+        key_id: row.try_get("key_id")?,
+        salt: hash("salt")?,
+        message: row.try_get("message")?,
+        payload: row.try_get("payload")?,
+        frame: Frame {
+            centre: DVec3::new(
+                row.try_get("centre_x")?,
+                row.try_get("centre_y")?,
+                row.try_get("centre_z")?,
+            ),
+            rho_min: row.try_get("rho_min")?,
+            rho_max: row.try_get("rho_max")?,
+        },
+        host_sha256: hash("host_sha256")?,
+        marked_sha256: hash("marked_sha256")?,
+        marked_bytes: unsigned("marked_bytes")?,
+        format: format_from_name(&format).ok_or_else(|| bad("format"))?,
+        file_name: row.try_get("file_name")?,
+        vertices: unsigned("vertices")?,
+        triangles: unsigned("triangles")?,
+        usable_bins: u32::try_from(unsigned("usable_bins")?).map_err(|_| bad("usable_bins"))?,
+        file_kept: row.try_get("file_kept")?,
+        host_kept: row.try_get("host_kept")?,
+        created_at: time(row.try_get("created_at")?, "created_at")?,
+        revoked_at: row
+            .try_get::<Option<i64>, _>("revoked_at")?
+            .map(|at| time(at, "revoked_at"))
+            .transpose()?,
+    })
+}
+
+fn format_from_name(name: &str) -> Option<Format> {
+    [Format::Obj, Format::Gltf, Format::Glb].into_iter().find(|format| format.extension() == name)
+}
+
+#[cfg(test)]
+pub(crate) fn sample_record() -> Record {
+    Record {
+        id: uuid::Uuid::now_v7(),
+        owner_id: "acme".to_owned(),
+        recipient: Some("studio \u{2764} 'quoted'".to_owned()),
+        label: None,
+        method: "qsp-mean".parse().unwrap(),
+        scheme: 1,
+        strength: Strength::new(0.1).unwrap(),
+        bits: BitCount::new(64).unwrap(),
+        key_id: "0a1b2c3d".to_owned(),
+        salt: [5; 32],
+        message: vec![1, 2, 3, 4, 5, 6, 7, 8],
+        payload: Some(vec![1, 2]),
+        // Values whose last bits a decimal text would lose.
+        frame: Frame {
+            centre: DVec3::new(0.1 + 0.2, -1.0e-300, 1.0 / 3.0),
+            rho_min: f64::MIN_POSITIVE,
+            rho_max: 1.7e308,
+        },
+        host_sha256: [1; 32],
+        marked_sha256: [2; 32],
+        marked_bytes: 1 << 40,
+        format: Format::Glb,
+        file_name: Some("a.glb".to_owned()),
+        vertices: 20_000,
+        triangles: 40_000,
+        usable_bins: 64,
+        file_kept: true,
+        host_kept: false,
+        created_at: Timestamp::from_microsecond(1_790_000_000_123_456).unwrap(),
+        revoked_at: None,
+    }
+}
