@@ -9,9 +9,19 @@
 //! - [`formats`]: bytes to carrier mesh, new positions to patched bytes.
 //! - [`marking`]: the two together, bytes to checked bytes.
 //! - [`sample`]: meshes made from nothing, for documentation and tests.
+//! - [`config`], [`keys`], [`registry`], [`blobs`], [`jobs`]: settings, master keys, records,
+//!   files, the worker pool.
+//! - [`service`]: the use cases; [`http`]: the same over HTTP.
 
+pub mod blobs;
+pub mod config;
 pub mod formats;
+pub mod http;
+pub mod jobs;
+pub mod keys;
 pub mod marking;
 pub mod mesh;
+pub mod registry;
 pub mod sample;
+pub mod service;
 pub mod watermark;

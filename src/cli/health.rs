@@ -1,0 +1,47 @@
+//! `quadmark health`: asks a running service whether it is ready; for container health checks.
+
+use std::io::{Read, Write};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
+use std::time::Duration;
+
+use quadmark::config::{Config, ConfigArgs};
+
+const TIMEOUT: Duration = Duration::from_secs(5);
+/// The status line is all that is read.
+const MOST: u64 = 1024;
+
+/// Prints `ok`, or fails.
+///
+/// # Errors
+/// A text: nothing listens, or it is not ready.
+pub(crate) fn run(args: ConfigArgs) -> Result<(), Box<dyn std::error::Error>> {
+    let address = reachable(Config::load(args)?.listen);
+    let status = ask(address).map_err(|error| format!("{address} does not answer: {error}"))?;
+    if status.starts_with("HTTP/1.1 200 ") {
+        println!("ok");
+        return Ok(());
+    }
+    let line = status.lines().next().unwrap_or_default();
+    Err(format!("{address} is not ready: {line}").into())
+}
+
+/// A service that listens on all addresses is asked on the loopback one.
+fn reachable(mut address: SocketAddr) -> SocketAddr {
+    if address.ip().is_unspecified() {
+        address.set_ip(match address {
+            SocketAddr::V4(_) => IpAddr::V4(Ipv4Addr::LOCALHOST),
+            SocketAddr::V6(_) => IpAddr::V6(Ipv6Addr::LOCALHOST),
+        });
+    }
+    address
+}
+
+fn ask(address: SocketAddr) -> std::io::Result<String> {
+    let mut stream = TcpStream::connect_timeout(&address, TIMEOUT)?;
+    stream.set_read_timeout(Some(TIMEOUT))?;
+    stream.set_write_timeout(Some(TIMEOUT))?;
+    write!(stream, "GET /readyz HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n")?;
+    let mut answer = Vec::new();
+    stream.take(MOST).read_to_end(&mut answer)?;
+    Ok(String::from_utf8_lossy(&answer).into_owned())
+}

@@ -1,0 +1,89 @@
+//! The stable codes of errors: what programs compare, with status and title.
+//!
+//! A code is never renamed and never changes its status within version 1.
+
+use axum::http::StatusCode;
+
+macro_rules! codes {
+    ($($variant:ident = $status:ident, $name:literal, $title:literal;)*) => {
+        /// A stable error code.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub(super) enum Code { $($variant),* }
+
+        impl Code {
+            /// All of them, for the documentation.
+            pub(super) const ALL: &'static [Self] = &[$(Self::$variant),*];
+
+            /// Its name in answers.
+            pub(super) fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name),* }
+            }
+
+            /// Its title: the same for every occurrence.
+            pub(super) fn title(self) -> &'static str {
+                match self { $(Self::$variant => $title),* }
+            }
+
+            /// Its status.
+            pub(super) fn status(self) -> StatusCode {
+                match self { $(Self::$variant => StatusCode::$status),* }
+            }
+        }
+    };
+}
+
+codes! {
+    MalformedRequest = BAD_REQUEST, "malformed_request", "The request cannot be read";
+    MalformedMultipart = BAD_REQUEST, "malformed_multipart", "The form cannot be read";
+    UploadIncomplete = BAD_REQUEST, "upload_incomplete", "The upload ended too early";
+    MissingParameter = BAD_REQUEST, "missing_parameter", "A parameter is missing";
+    UnknownParameter = BAD_REQUEST, "unknown_parameter", "There is no such parameter";
+    DuplicateParameter = BAD_REQUEST, "duplicate_parameter", "A parameter is given twice";
+    InvalidParameter = BAD_REQUEST, "invalid_parameter", "A parameter has an impossible value";
+    NotFound = NOT_FOUND, "not_found", "There is nothing here";
+    UnknownWatermark = NOT_FOUND, "unknown_watermark", "There is no such watermark";
+    UnknownVerification = NOT_FOUND, "unknown_verification", "There is no such verification";
+    FileNotKept = NOT_FOUND, "file_not_kept", "The marked file was not kept";
+    MethodNotAllowed = METHOD_NOT_ALLOWED, "method_not_allowed", "The method does not apply here";
+    UploadTimeout = REQUEST_TIMEOUT, "upload_timeout", "The upload took too long";
+    IdempotencyConflict = CONFLICT, "idempotency_conflict", "The key stands for another request";
+    IdempotencyInProgress = CONFLICT, "idempotency_in_progress", "The same request is being worked on";
+    CannotRemake = CONFLICT, "cannot_remake", "The marked file cannot be made again";
+    TooLarge = PAYLOAD_TOO_LARGE, "too_large", "The upload is too large";
+    UnsupportedMediaType = UNSUPPORTED_MEDIA_TYPE, "unsupported_media_type",
+        "The content type cannot be used";
+    UnknownFormat = UNSUPPORTED_MEDIA_TYPE, "unknown_format", "The file is of no format that can be read";
+    EmptyFile = UNPROCESSABLE_ENTITY, "empty_file", "The file is empty";
+    MalformedObj = UNPROCESSABLE_ENTITY, "malformed_obj", "The OBJ file cannot be read";
+    MalformedGltf = UNPROCESSABLE_ENTITY, "malformed_gltf", "The glTF file cannot be read";
+    UnsupportedExtension = UNPROCESSABLE_ENTITY, "unsupported_extension",
+        "A glTF extension is not supported";
+    ExternalBuffer = UNPROCESSABLE_ENTITY, "external_buffer", "A glTF buffer is in another file";
+    NonFiniteVertex = UNPROCESSABLE_ENTITY, "non_finite_vertex", "A coordinate is not a finite number";
+    CannotPatch = UNPROCESSABLE_ENTITY, "cannot_patch", "The file cannot be changed in place";
+    NoTriangles = UNPROCESSABLE_ENTITY, "no_triangles", "The file has no triangles";
+    InsufficientCapacity = UNPROCESSABLE_ENTITY, "insufficient_capacity",
+        "The mesh cannot carry the mark";
+    NoRadialExtent = UNPROCESSABLE_ENTITY, "no_radial_extent",
+        "All vertices are at the same distance from the centre";
+    Unprocessable = UNPROCESSABLE_ENTITY, "unprocessable", "The request cannot be done";
+    Internal = INTERNAL_SERVER_ERROR, "internal", "Something went wrong on our side";
+    CheckFailed = INTERNAL_SERVER_ERROR, "check_failed", "The marked file failed its check";
+    Busy = SERVICE_UNAVAILABLE, "busy", "The service is busy";
+    DeadlineExceeded = SERVICE_UNAVAILABLE, "deadline_exceeded", "The request took too long";
+    ShuttingDown = SERVICE_UNAVAILABLE, "shutting_down", "The service is shutting down";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_distinct_and_errors() {
+        for (index, code) in Code::ALL.iter().enumerate() {
+            assert!(code.status().as_u16() >= 400);
+            let same = Code::ALL.iter().skip(index + 1).any(|other| other.name() == code.name());
+            assert!(!same, "{}", code.name());
+        }
+    }
+}

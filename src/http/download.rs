@@ -1,0 +1,92 @@
+//! Marked files as answers: media type, a safe file name, an entity tag.
+
+use axum::body::Body;
+use axum::http::{HeaderValue, header};
+use axum::response::Response;
+use bytes::Bytes;
+
+use crate::registry::Record;
+
+/// Characters of the stem of a file name at most.
+const LONGEST_STEM: usize = 100;
+
+pub(super) fn etag(record: &Record) -> String {
+    format!("\"{}\"", hex::encode(record.marked_sha256))
+}
+
+pub(super) fn answer_file(record: &Record, bytes: Bytes) -> Response {
+    let mut response = Response::new(Body::from(bytes));
+    let headers = response.headers_mut();
+    let kind = HeaderValue::from_static(record.format.media_type());
+    headers.insert(header::CONTENT_TYPE, kind);
+    let disposition = disposition(record.file_name.as_deref(), record.format.extension());
+    for (name, value) in [(header::CONTENT_DISPOSITION, disposition), (header::ETAG, etag(record))]
+    {
+        if let Ok(value) = HeaderValue::try_from(value) {
+            headers.insert(name, value);
+        }
+    }
+    response
+}
+
+/// `attachment` with the upload's name, `-marked` and the format's extension.
+///
+/// The name comes from a stranger: quotes and line breaks would write headers of their own, path
+/// separators would choose a directory on the machine that saves the file. What remains in the
+/// plain form is letters, digits and `._-`; `filename*` (RFC 8187) has all other characters,
+/// percent-encoded.
+fn disposition(name: Option<&str>, extension: &str) -> String {
+    let base = name.and_then(|name| name.rsplit(['/', '\\']).next()).unwrap_or_default();
+    let stem = base.rsplit_once('.').map_or(base, |(stem, _)| stem);
+    let visible = stem.chars().filter(|c| !c.is_control()).take(LONGEST_STEM);
+    let stem: String = visible.collect::<String>().trim_matches([' ', '.']).to_owned();
+    let stem = if stem.is_empty() { "mesh".to_owned() } else { stem };
+    let full = format!("{stem}-marked.{extension}");
+    let plain_character = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+    let plain: String = full.chars().map(|c| if plain_character(c) { c } else { '_' }).collect();
+    if plain == full {
+        return format!("attachment; filename=\"{plain}\"");
+    }
+    let mut encoded = String::with_capacity(full.len() * 3);
+    for byte in full.bytes() {
+        if plain_character(char::from(byte)) {
+            encoded.push(char::from(byte));
+        } else {
+            encoded.push_str(&format!("%{byte:02X}"));
+        }
+    }
+    format!("attachment; filename=\"{plain}\"; filename*=UTF-8''{encoded}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_safe() {
+        let cases = [
+            (Some("gear.obj"), "attachment; filename=\"gear-marked.obj\""),
+            (Some("a.b.OBJ"), "attachment; filename=\"a.b-marked.obj\""),
+            (None, "attachment; filename=\"mesh-marked.obj\""),
+            (Some("../../etc/passwd"), "attachment; filename=\"passwd-marked.obj\""),
+            (Some("C:\\x\\y.obj"), "attachment; filename=\"y-marked.obj\""),
+            (Some("..."), "attachment; filename=\"mesh-marked.obj\""),
+            (
+                Some("a\"\r\nSet-Cookie: b.obj"),
+                "attachment; filename=\"a_Set-Cookie__b-marked.obj\"; \
+                 filename*=UTF-8''a%22Set-Cookie%3A%20b-marked.obj",
+            ),
+            (
+                Some("R\u{e4}der.obj"),
+                "attachment; filename=\"R_der-marked.obj\"; \
+                 filename*=UTF-8''R%C3%A4der-marked.obj",
+            ),
+        ];
+        for (name, expected) in cases {
+            let found = disposition(name, "obj");
+            assert_eq!(found, expected);
+            assert!(HeaderValue::try_from(found).is_ok());
+        }
+        assert!(disposition(Some(&"x".repeat(5000)), "obj").len() < 200);
+    }
+}

@@ -1,0 +1,125 @@
+//! What surrounds every request: its id, its log line, its count, and the body of its errors.
+//!
+//! Every answer with an error status leaves here as problem+json, whoever made it: a handler, an
+//! extractor of the framework, the router's 404 and 405, or a panic.
+
+use std::time::Instant;
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use tracing::{Instrument, info, info_span, warn};
+use uuid::Uuid;
+
+use super::App;
+use super::error::{Problem, ProblemBody};
+use super::intake::Lingering;
+
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+/// Characters of an incoming request id at most; more would let callers flood the log.
+const LONGEST_ID: usize = 128;
+
+pub(super) async fn envelope(State(app): State<App>, request: Request, next: Next) -> Response {
+    let start = Instant::now();
+    let id = request_id(request.headers());
+    let method = request.method().clone();
+    let path: String = request.uri().path().chars().take(200).collect();
+    let route = request
+        .extensions()
+        .get::<MatchedPath>()
+        .map_or_else(|| "unknown".to_owned(), |matched| matched.as_str().to_owned());
+    let span = info_span!("request", %id, %method, path);
+    let response = next.run(lingering(request)).instrument(span.clone()).await;
+    let mut response = with_problem(response, &id, method.as_str(), &path);
+    if let Ok(value) = HeaderValue::from_str(&id) {
+        response.headers_mut().insert(REQUEST_ID, value);
+    }
+    let nosniff = HeaderValue::from_static("nosniff");
+    response.headers_mut().insert(header::X_CONTENT_TYPE_OPTIONS, nosniff);
+    let (status, took) = (response.status().as_u16(), start.elapsed());
+    app.metrics.count(&route, method.as_str(), status, took);
+    let _entered = span.entered();
+    let milliseconds = u64::try_from(took.as_millis()).unwrap_or(u64::MAX);
+    if status >= 500 {
+        warn!(status, milliseconds, "answered");
+    } else {
+        info!(status, milliseconds, "answered");
+    }
+    response
+}
+
+fn lingering(request: Request) -> Request {
+    let (parts, body) = request.into_parts();
+    let expects_continue = parts.headers.contains_key(header::EXPECT);
+    let body = if axum::body::HttpBody::is_end_stream(&body) {
+        body
+    } else {
+        Body::from_stream(Lingering::new(body, expects_continue))
+    };
+    Request::from_parts(parts, body)
+}
+
+/// The caller's own id where it is sane, else a new one.
+fn request_id(headers: &HeaderMap) -> String {
+    let sane = |id: &&str| {
+        (1..=LONGEST_ID).contains(&id.len())
+            && id.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte))
+    };
+    let given = headers.get(REQUEST_ID).and_then(|value| value.to_str().ok()).filter(sane);
+    given.map_or_else(|| Uuid::now_v7().to_string(), str::to_owned)
+}
+
+fn with_problem(mut response: Response, id: &str, method: &str, path: &str) -> Response {
+    let status = response.status();
+    if !status.is_client_error() && !status.is_server_error() {
+        return response;
+    }
+    let problem = response
+        .extensions_mut()
+        .remove::<Problem>()
+        .unwrap_or_else(|| Problem::of_status(status, method, path));
+    let code = problem.code.name();
+    let body = ProblemBody {
+        kind: format!("/docs#{code}"),
+        title: problem.code.title(),
+        status: status.as_u16(),
+        code,
+        detail: &problem.detail,
+        request_id: id,
+    };
+    info!(request_id = id, code, detail = problem.detail, "refused");
+    let mut answer = (status, Json(body)).into_response();
+    for name in [header::ALLOW, header::RETRY_AFTER] {
+        if let Some(value) = response.headers_mut().remove(&name) {
+            answer.headers_mut().insert(name, value);
+        }
+    }
+    let kind = HeaderValue::from_static("application/problem+json");
+    answer.headers_mut().insert(header::CONTENT_TYPE, kind);
+    answer
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_sane_request_ids_are_taken_over() {
+        let long = "a".repeat(129);
+        for (given, kept) in [
+            ("job-7_a.b", true),
+            ("", false),
+            ("a b", false),
+            (long.as_str(), false),
+            ("<x>", false),
+        ] {
+            let mut headers = HeaderMap::new();
+            headers.insert(REQUEST_ID, HeaderValue::from_str(given).unwrap());
+            assert_eq!(request_id(&headers) == given, kept, "{given}");
+        }
+        assert!(request_id(&HeaderMap::new()).parse::<Uuid>().is_ok());
+    }
+}

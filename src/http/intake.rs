@@ -1,0 +1,166 @@
+//! Request bodies on their way in: a limit that holds for every kind of length, a limit on what
+//! the form parser may gather, and manners towards clients that are refused while they send.
+
+use std::io;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use axum::body::{Body, BodyDataStream};
+use bytes::Bytes;
+use futures::{Stream, StreamExt};
+
+/// The form parser may hold this much that it has not handed on. A part's headers and the buffer
+/// of one chunk are far smaller; an endless header line is not.
+const MOST_BACKLOG: u64 = 1 << 20;
+/// Times the parser may ask for more with a full backlog before it is stuck: once per part and
+/// per chunk is normal.
+const MOST_FRUITLESS: u32 = 200;
+/// What is read and thrown away after an early refusal, at most.
+const LINGER_BYTES: u64 = 2 << 30;
+const LINGER_TIME: Duration = Duration::from_secs(30);
+
+/// What went wrong while a body came in, seen from outside the parser that hides it.
+#[derive(Debug, Default)]
+pub(super) struct Meter {
+    pulled: AtomicU64,
+    delivered: AtomicU64,
+    over_limit: AtomicBool,
+    broken: AtomicBool,
+}
+
+impl Meter {
+    /// The consumer has taken these bytes.
+    pub(super) fn deliver(&self, bytes: usize) {
+        self.delivered.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    /// The body was longer than the limit.
+    pub(super) fn over_limit(&self) -> bool {
+        self.over_limit.load(Ordering::Relaxed)
+    }
+
+    /// The connection broke before the body ended.
+    pub(super) fn broken(&self) -> bool {
+        self.broken.load(Ordering::Relaxed)
+    }
+}
+
+/// A body with limits.
+pub(super) struct Intake {
+    inner: BodyDataStream,
+    limit: u64,
+    meter: Arc<Meter>,
+    fruitless: u32,
+    delivered_before: u64,
+}
+
+impl Intake {
+    pub(super) fn new(body: Body, limit: u64) -> (Self, Arc<Meter>) {
+        let meter = Arc::new(Meter::default());
+        let inner = body.into_data_stream();
+        let shared = meter.clone();
+        (Self { inner, limit, meter, fruitless: 0, delivered_before: 0 }, shared)
+    }
+
+    /// Holds the parser back while it has much in hand; the parser reads as long as there is
+    /// something to read, and would hold the whole body in memory.
+    fn throttle(&mut self, context: &Context<'_>) -> Option<Poll<Option<io::Result<Bytes>>>> {
+        let delivered = self.meter.delivered.load(Ordering::Relaxed);
+        let pulled = self.meter.pulled.load(Ordering::Relaxed);
+        if pulled.saturating_sub(delivered) <= MOST_BACKLOG {
+            return None;
+        }
+        self.fruitless = if delivered == self.delivered_before { self.fruitless + 1 } else { 0 };
+        self.delivered_before = delivered;
+        if self.fruitless > MOST_FRUITLESS {
+            return Some(Poll::Ready(Some(Err(io::Error::other(
+                "a part of the form is too long",
+            )))));
+        }
+        context.waker().wake_by_ref();
+        Some(Poll::Pending)
+    }
+}
+
+impl Stream for Intake {
+    type Item = io::Result<Bytes>;
+
+    fn poll_next(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<io::Result<Bytes>>> {
+        if let Some(held_back) = self.throttle(context) {
+            return held_back;
+        }
+        match self.inner.poll_next_unpin(context) {
+            Poll::Ready(Some(Ok(bytes))) => {
+                let length = bytes.len() as u64;
+                let before = self.meter.pulled.fetch_add(length, Ordering::Relaxed);
+                if before.saturating_add(length) > self.limit {
+                    self.meter.over_limit.store(true, Ordering::Relaxed);
+                    return Poll::Ready(Some(Err(io::Error::other("the body is too large"))));
+                }
+                Poll::Ready(Some(Ok(bytes)))
+            }
+            Poll::Ready(Some(Err(error))) => {
+                self.meter.broken.store(true, Ordering::Relaxed);
+                Poll::Ready(Some(Err(io::Error::other(error))))
+            }
+            Poll::Ready(None) => Poll::Ready(None),
+            Poll::Pending => Poll::Pending,
+        }
+    }
+}
+
+/// A body that, when it is dropped before its end, is read on and thrown away for a while.
+///
+/// A server that answers early and closes makes the client's system discard the answer: the
+/// client, still sending, sees a reset connection instead of the 413. A client that waits for
+/// `100 Continue` has not begun to send, and is not asked to.
+pub(super) struct Lingering {
+    inner: Option<BodyDataStream>,
+    begun: bool,
+}
+
+impl Lingering {
+    pub(super) fn new(body: Body, expects_continue: bool) -> Self {
+        Self { inner: Some(body.into_data_stream()), begun: !expects_continue }
+    }
+}
+
+impl Stream for Lingering {
+    type Item = Result<Bytes, axum::Error>;
+
+    fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
+        self.begun = true;
+        let Some(inner) = &mut self.inner else { return Poll::Ready(None) };
+        let polled = inner.poll_next_unpin(context);
+        if matches!(polled, Poll::Ready(None | Some(Err(_)))) {
+            self.inner = None;
+        }
+        polled
+    }
+}
+
+impl Drop for Lingering {
+    fn drop(&mut self) {
+        if let (Some(rest), true, Ok(runtime)) =
+            (self.inner.take(), self.begun, tokio::runtime::Handle::try_current())
+        {
+            runtime.spawn(tokio::time::timeout(LINGER_TIME, discard(rest)));
+        }
+    }
+}
+
+async fn discard(mut rest: BodyDataStream) {
+    let mut left = LINGER_BYTES;
+    while let Some(Ok(bytes)) = rest.next().await {
+        left = left.saturating_sub(bytes.len() as u64);
+        if left == 0 {
+            return;
+        }
+    }
+}

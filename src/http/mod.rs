@@ -1,0 +1,74 @@
+//! The service over HTTP: router, wire types, uploads, errors.
+//!
+//! axum and tower appear only here. Handlers read a request, call one use case and write the
+//! answer; they decide nothing. Must not know about the registry's storage, formats or watermarks
+//! beyond their names and parameters.
+
+mod code;
+mod docs;
+mod document;
+mod download;
+mod envelope;
+mod error;
+mod fields;
+mod inspections;
+mod intake;
+mod metrics;
+mod operations;
+mod server;
+mod upload;
+mod verifications;
+mod watermarks;
+mod wire;
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::middleware::from_fn_with_state;
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use tower_http::catch_panic::CatchPanicLayer;
+
+use crate::service::Service;
+
+pub use document::openapi_yaml;
+pub use server::{ServeError, serve, serve_on};
+
+/// What every handler gets.
+#[derive(Clone)]
+pub(crate) struct App {
+    service: Arc<Service>,
+    metrics: Arc<metrics::Metrics>,
+}
+
+/// All routes over a service.
+pub fn router(service: Arc<Service>) -> Router {
+    let app = App { service, metrics: Arc::new(metrics::Metrics::default()) };
+    Router::new()
+        .route("/v1/watermarks", post(watermarks::embed).get(watermarks::page))
+        .route("/v1/watermarks/{id}", get(watermarks::record).delete(watermarks::revoke))
+        .route("/v1/watermarks/{id}/file", get(watermarks::file))
+        .route("/v1/verifications", post(verifications::verify))
+        .route("/v1/verifications/{id}", get(verifications::verification))
+        .route("/v1/inspections", post(inspections::inspect))
+        .route("/livez", get(operations::livez))
+        .route("/readyz", get(operations::readyz))
+        .route("/metrics", get(operations::metrics))
+        .route("/openapi.yaml", get(operations::openapi))
+        .route("/docs", get(operations::docs))
+        // Bodies are limited in `intake`, which counts every byte of every kind of body.
+        .layer(DefaultBodyLimit::disable())
+        .layer(CatchPanicLayer::custom(panicked))
+        .layer(from_fn_with_state(app.clone(), envelope::envelope))
+        .with_state(app)
+}
+
+fn panicked(panic: Box<dyn std::any::Any + Send>) -> Response {
+    let text = panic
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or_else(|| panic.downcast_ref::<&str>().copied())
+        .unwrap_or("a panic without a text");
+    error::ApiError::internal(text).into_response()
+}

@@ -1,0 +1,231 @@
+//! `/v1/watermarks`: embed, list, show, fetch the file, revoke.
+
+use axum::Json;
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Path, Query, Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use uuid::Uuid;
+
+use super::App;
+use super::code::Code;
+use super::download::{answer_file, etag};
+use super::error::{ApiError, ProblemBody};
+use super::upload::receive;
+use super::wire::{EmbedForm, PageQuery, WatermarkBody, WatermarkPageBody};
+use crate::registry::Filter;
+use crate::service::{EmbedRequest, Embedded, Text};
+use crate::watermark::{BitCount, Strength};
+
+const FIELDS: &[&str] = &[
+    "owner_id",
+    "recipient",
+    "label",
+    "method",
+    "strength",
+    "bits",
+    "payload",
+    "keep_file",
+    "keep_host",
+];
+const REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
+const DEFAULT_PAGE: u32 = 50;
+
+/// Mark a mesh and register the mark.
+#[utoipa::path(
+    post, path = "/v1/watermarks", tag = "watermarks", operation_id = "embed",
+    params(
+        ("Idempotency-Key" = Option<String>, Header, description =
+            "A retry with the same key and request gets the same record and bytes"),
+        ("Accept" = Option<String>, Header, description =
+            "application/json answers with the record instead of the file"),
+    ),
+    request_body(content = EmbedForm, content_type = "multipart/form-data"),
+    responses(
+        (status = 201, description = "The marked file (same format as the upload), or the record",
+            content((Vec<u8> = "model/obj"), (Vec<u8> = "model/gltf-binary"),
+                (Vec<u8> = "model/gltf+json"), (WatermarkBody = "application/json")),
+            headers(("Quadmark-Watermark-Id" = String, description = "Id of the record"),
+                ("Location" = String, description = "URL of the record"))),
+        (status = "default", description = "An error, by its code", body = ProblemBody,
+            content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Response, ApiError> {
+    let wants_json = wants_json(request.headers());
+    let idempotency_key = idempotency_key(request.headers())?;
+    let (file, fields) = receive(&app, request, FIELDS).await?;
+    let config = app.service.config();
+    let request = EmbedRequest {
+        file,
+        owner_id: fields.required_text("owner_id")?,
+        recipient: fields.text("recipient")?,
+        label: fields.text("label")?,
+        method: fields.parsed("method", str::parse)?.unwrap_or_default(),
+        strength: fields.parsed("strength", parse_strength)?.unwrap_or_default(),
+        bits: fields.parsed("bits", parse_bits)?.unwrap_or_default(),
+        payload: fields.parsed("payload", |text| {
+            hex::decode(text).map_err(|_| "must be an even number of hexadecimal digits")
+        })?,
+        keep_file: fields.flag("keep_file", config.keep_files)?,
+        keep_host: fields.flag("keep_host", config.keep_host)?,
+        idempotency_key,
+    };
+    if wants_json && !request.keep_file {
+        return Err(ApiError::new(
+            Code::InvalidParameter,
+            "keep_file: false and Accept: application/json together would lose the marked file; \
+             leave out one of them",
+        ));
+    }
+    let Embedded { record, bytes, replayed } = app.service.embed(request).await?;
+    let id = record.id.to_string();
+    let location = format!("/v1/watermarks/{id}");
+    let link = format!("<{location}>; rel=\"describedby\"");
+    let mut response = if wants_json {
+        Json(WatermarkBody::from(record)).into_response()
+    } else {
+        answer_file(&record, bytes)
+    };
+    *response.status_mut() = StatusCode::CREATED;
+    let headers = response.headers_mut();
+    let told = [
+        (HeaderName::from_static("quadmark-watermark-id"), id),
+        (header::LOCATION, location),
+        (header::LINK, link),
+    ];
+    for (name, value) in told {
+        if let Ok(value) = HeaderValue::try_from(value) {
+            headers.insert(name, value);
+        }
+    }
+    if replayed {
+        headers.insert(REPLAYED, HeaderValue::from_static("true"));
+    }
+    Ok(response)
+}
+
+/// A page of registered marks, newest first.
+#[utoipa::path(
+    get, path = "/v1/watermarks", tag = "watermarks", operation_id = "list_watermarks",
+    params(PageQuery),
+    responses(
+        (status = 200, description = "A page", body = WatermarkPageBody),
+        (status = "default", description = "An error, by its code", body = ProblemBody,
+            content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn page(
+    State(app): State<App>,
+    query: Result<Query<PageQuery>, QueryRejection>,
+) -> Result<Json<WatermarkPageBody>, ApiError> {
+    let Query(query) =
+        query.map_err(|rejection| ApiError::new(Code::InvalidParameter, rejection.body_text()))?;
+    let text = |name, text: Option<String>| {
+        text.map(|text| Text::parse(name, &text).map(|text| text.as_str().to_owned())).transpose()
+    };
+    let filter = Filter {
+        owner_id: text("owner_id", query.owner_id)?,
+        recipient: text("recipient", query.recipient)?,
+    };
+    let limit = query.limit.unwrap_or(DEFAULT_PAGE);
+    let page = app.service.page(&filter, query.cursor.as_deref(), limit).await?;
+    Ok(Json(page.into()))
+}
+
+/// A registered mark.
+#[utoipa::path(
+    get, path = "/v1/watermarks/{id}", tag = "watermarks", operation_id = "get_watermark",
+    params(("id" = String, Path, format = "uuid", description = "Id of the record")),
+    responses(
+        (status = 200, description = "The record", body = WatermarkBody),
+        (status = "default", description = "An error, by its code", body = ProblemBody,
+            content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn record(
+    State(app): State<App>,
+    Path(id): Path<String>,
+) -> Result<Json<WatermarkBody>, ApiError> {
+    Ok(Json(app.service.record(parse_id(&id)?).await?.into()))
+}
+
+/// Revoke a mark: the record is kept, the mark no longer searched for.
+#[utoipa::path(
+    delete, path = "/v1/watermarks/{id}", tag = "watermarks", operation_id = "revoke_watermark",
+    params(("id" = String, Path, format = "uuid", description = "Id of the record")),
+    responses(
+        (status = 200, description = "The record, revoked", body = WatermarkBody),
+        (status = "default", description = "An error, by its code", body = ProblemBody,
+            content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn revoke(
+    State(app): State<App>,
+    Path(id): Path<String>,
+) -> Result<Json<WatermarkBody>, ApiError> {
+    Ok(Json(app.service.revoke(parse_id(&id)?).await?.into()))
+}
+
+/// The marked file again.
+#[utoipa::path(
+    get, path = "/v1/watermarks/{id}/file", tag = "watermarks", operation_id = "get_marked_file",
+    params(("id" = String, Path, format = "uuid", description = "Id of the record")),
+    responses(
+        (status = 200, description = "The marked file",
+            content((Vec<u8> = "model/obj"), (Vec<u8> = "model/gltf-binary"),
+                (Vec<u8> = "model/gltf+json"))),
+        (status = 304, description = "As the If-None-Match says"),
+        (status = "default", description = "An error, by its code", body = ProblemBody,
+            content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn file(
+    State(app): State<App>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    let id = parse_id(&id)?;
+    let tag = etag(&app.service.record(id).await?);
+    let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok());
+    if known.is_some_and(|tags| tags.split(',').any(|other| other.trim() == tag)) {
+        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, tag)]).into_response());
+    }
+    let found = app.service.marked_file(id).await?;
+    Ok(answer_file(&found.record, found.bytes))
+}
+
+pub(super) fn parse_id(text: &str) -> Result<Uuid, ApiError> {
+    text.parse().map_err(|_| {
+        let text: String = text.chars().take(60).collect();
+        ApiError::new(Code::NotFound, format!("there is nothing at {text:?}: ids are UUIDs"))
+    })
+}
+
+pub(super) fn parse_strength(text: &str) -> Result<Strength, String> {
+    let strength: f64 = text.parse().map_err(|_| "must be a number from 0.01 to 0.25")?;
+    Strength::new(strength).map_err(|error| error.to_string())
+}
+
+pub(super) fn parse_bits(text: &str) -> Result<BitCount, String> {
+    let bits: u32 = text.parse().map_err(|_| "must be a whole number from 16 to 256")?;
+    BitCount::new(bits).map_err(|error| error.to_string())
+}
+
+fn wants_json(headers: &HeaderMap) -> bool {
+    let accepts = headers.get_all(header::ACCEPT);
+    accepts
+        .iter()
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|text| text.split(','))
+        .any(|range| range.split(';').next().is_some_and(|kind| kind.trim() == "application/json"))
+}
+
+fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, ApiError> {
+    let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
+    // What a key may look like, the service says; here it only has to be text.
+    let text = value.to_str().map_err(|_| {
+        ApiError::new(Code::InvalidParameter, "Idempotency-Key: must be visible ASCII characters")
+    })?;
+    Ok(Some(text.to_owned()))
+}

@@ -1,0 +1,228 @@
+//! What goes over the wire: the shapes of requests and answers, apart from those of the registry,
+//! so that neither changes the other by accident.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+use uuid::Uuid;
+
+use crate::marking::Inspection;
+use crate::registry::{Page, Record};
+use crate::service::Inspected;
+
+/// A registered mark.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Watermark)]
+pub(super) struct WatermarkBody {
+    /// Its id.
+    #[schema(value_type = String, format = "uuid")]
+    id: Uuid,
+    /// Whose mark it is.
+    owner_id: String,
+    /// To whom this copy went.
+    recipient: Option<String>,
+    /// The owner's text.
+    label: Option<String>,
+    /// How it was embedded.
+    #[schema(example = "qsp-mean")]
+    method: String,
+    /// Version of the watermark scheme.
+    scheme: u16,
+    /// How strongly.
+    strength: f64,
+    /// How many bits.
+    bits: usize,
+    /// The message in hexadecimal digits.
+    message: String,
+    /// What the caller asked to embed, in hexadecimal digits.
+    payload: Option<String>,
+    /// Id of the master key; tells nothing about the key.
+    key_id: String,
+    /// `obj`, `gltf` or `glb`.
+    format: String,
+    /// File name of the upload.
+    file_name: Option<String>,
+    /// SHA-256 of the host file.
+    host_sha256: String,
+    /// SHA-256 of the marked file.
+    marked_sha256: String,
+    /// Bytes of the marked file.
+    marked_bytes: u64,
+    /// Vertices in the file.
+    vertices: u64,
+    /// Triangles in the file.
+    triangles: u64,
+    /// Bins that carry a bit.
+    usable_bins: u32,
+    /// Where the marked file can be fetched again; null when it was not kept.
+    file_url: Option<String>,
+    /// Whether the host's geometry was kept.
+    host_kept: bool,
+    /// When it was registered.
+    #[schema(value_type = String, format = DateTime)]
+    created_at: Timestamp,
+    /// When it was revoked.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    revoked_at: Option<Timestamp>,
+}
+
+impl From<Record> for WatermarkBody {
+    fn from(record: Record) -> Self {
+        let file_url = record.file_kept.then(|| format!("/v1/watermarks/{}/file", record.id));
+        Self {
+            id: record.id,
+            owner_id: record.owner_id,
+            recipient: record.recipient,
+            label: record.label,
+            method: record.method.to_string(),
+            scheme: record.scheme,
+            strength: record.strength.get(),
+            bits: record.bits.get(),
+            message: hex::encode(&record.message),
+            payload: record.payload.map(hex::encode),
+            key_id: record.key_id,
+            format: record.format.extension().to_owned(),
+            file_name: record.file_name,
+            host_sha256: hex::encode(record.host_sha256),
+            marked_sha256: hex::encode(record.marked_sha256),
+            marked_bytes: record.marked_bytes,
+            vertices: record.vertices,
+            triangles: record.triangles,
+            usable_bins: record.usable_bins,
+            file_url,
+            host_kept: record.host_kept,
+            created_at: record.created_at,
+            revoked_at: record.revoked_at,
+        }
+    }
+}
+
+/// A page of registered marks, newest first.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = WatermarkPage)]
+pub(super) struct WatermarkPageBody {
+    /// The marks.
+    watermarks: Vec<WatermarkBody>,
+    /// Give it as `cursor` to get the next page; null on the last one.
+    next_cursor: Option<String>,
+}
+
+impl From<Page> for WatermarkPageBody {
+    fn from(page: Page) -> Self {
+        Self {
+            watermarks: page.records.into_iter().map(WatermarkBody::from).collect(),
+            next_cursor: page.next.map(crate::registry::Cursor::to_text),
+        }
+    }
+}
+
+/// Which page of which marks.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct PageQuery {
+    /// Only this owner's.
+    pub(super) owner_id: Option<String>,
+    /// Only copies for this recipient.
+    pub(super) recipient: Option<String>,
+    /// `next_cursor` of the page before.
+    pub(super) cursor: Option<String>,
+    /// Marks on the page: 1 to 200, 50 by default.
+    #[param(minimum = 1, maximum = 200)]
+    pub(super) limit: Option<u32>,
+}
+
+/// The form of `POST /v1/watermarks`. Fields in any order; or the file as body and the rest in
+/// the query.
+#[derive(Debug, ToSchema)]
+#[schema(as = EmbedForm)]
+#[allow(dead_code)] // describes the form; it is read field by field
+pub(super) struct EmbedForm {
+    /// The host: OBJ, GLB or glTF.
+    #[schema(value_type = String, format = Binary, content_media_type = "application/octet-stream")]
+    file: Vec<u8>,
+    /// Whose mark it is: 1 to 256 characters.
+    #[schema(min_length = 1, max_length = 256, example = "acme")]
+    owner_id: String,
+    /// To whom this copy goes: 1 to 256 characters.
+    recipient: Option<String>,
+    /// Free text: 1 to 256 characters.
+    label: Option<String>,
+    /// `cho-mean`, `cho-var`, `qsp-mean` (default) or `qsp-var`.
+    method: Option<String>,
+    /// 0.01 to 0.25; 0.1 by default.
+    strength: Option<f64>,
+    /// 16 to 256; 64 by default.
+    bits: Option<u32>,
+    /// The message in hexadecimal digits, at most `bits` bits; random by default.
+    payload: Option<String>,
+    /// Keep the marked file, to fetch it again.
+    keep_file: Option<bool>,
+    /// Keep the host's geometry; detectors that compare with it need it.
+    keep_host: Option<bool>,
+}
+
+/// The form of `POST /v1/verifications`.
+#[derive(Debug, ToSchema)]
+#[schema(as = VerifyForm)]
+#[allow(dead_code)]
+pub(super) struct VerifyForm {
+    /// The suspect: OBJ, GLB or glTF.
+    #[schema(value_type = String, format = Binary, content_media_type = "application/octet-stream")]
+    file: Vec<u8>,
+    /// Compare with this owner's marks only.
+    owner_id: Option<String>,
+    /// Compare with this mark only.
+    #[schema(value_type = Option<String>, format = "uuid")]
+    watermark_id: Option<Uuid>,
+}
+
+/// The form of `POST /v1/inspections`.
+#[derive(Debug, ToSchema)]
+#[schema(as = InspectForm)]
+#[allow(dead_code)]
+pub(super) struct InspectForm {
+    /// The file: OBJ, GLB or glTF.
+    #[schema(value_type = String, format = Binary, content_media_type = "application/octet-stream")]
+    file: Vec<u8>,
+    /// The method that would be used.
+    method: Option<String>,
+    /// The strength that would be used.
+    strength: Option<f64>,
+    /// How many bits it should carry.
+    bits: Option<u32>,
+}
+
+/// What a file is and how well it can carry a mark.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Inspection)]
+pub(super) struct InspectionBody {
+    /// SHA-256 of the file.
+    sha256: String,
+    /// Bytes of the file.
+    bytes: u64,
+    /// Counts, frame, usable bins, expected margins.
+    #[serde(flatten)]
+    #[schema(inline, value_type = Object)]
+    inspection: Inspection,
+}
+
+impl From<Inspected> for InspectionBody {
+    fn from(inspected: Inspected) -> Self {
+        Self {
+            sha256: hex::encode(inspected.sha256),
+            bytes: inspected.bytes,
+            inspection: inspected.inspection,
+        }
+    }
+}
+
+/// Whether the service is alive or ready.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Health)]
+pub(super) struct HealthBody {
+    /// `ok`.
+    pub(super) status: &'static str,
+    /// The service's version.
+    pub(super) version: &'static str,
+}

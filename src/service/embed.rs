@@ -1,0 +1,300 @@
+//! Embed: mark a host, register the mark, hand out the file.
+//!
+//! The order of work: mark and check (pool), blobs, one registry transaction, index, answer. What
+//! fails after the blobs removes them; what a crash leaves there is swept at the next start. The
+//! work is a task of its own: a client that hangs up leaves a whole record or none.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use jiff::Timestamp;
+use sha2::{Digest, Sha256};
+use tracing::error;
+use uuid::Uuid;
+
+use super::known::{codeword, mark_key};
+use super::{Service, ServiceError, Spooled, Text, idempotency};
+use crate::blobs::{Kind, geometry};
+use crate::formats::Format;
+use crate::keys::random_bytes;
+use crate::marking::{MarkRequest, Marked, mark};
+use crate::registry::{IdempotencyEntry, Record, RegistryError};
+use crate::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength};
+
+/// The scheme that this release embeds.
+const SCHEME: u16 = 1;
+
+/// What to embed, and into what.
+#[derive(Debug)]
+pub struct EmbedRequest {
+    /// The host.
+    pub file: Spooled,
+    /// Whose mark it is.
+    pub owner_id: Text,
+    /// To whom this copy goes.
+    pub recipient: Option<Text>,
+    /// Free text.
+    pub label: Option<Text>,
+    /// How.
+    pub method: Method,
+    /// How strongly.
+    pub strength: Strength,
+    /// How many bits.
+    pub bits: BitCount,
+    /// The message; random when the caller gives none.
+    pub payload: Option<Vec<u8>>,
+    /// Keep the marked file.
+    pub keep_file: bool,
+    /// Keep the host's geometry.
+    pub keep_host: bool,
+    /// The caller's key for retries.
+    pub idempotency_key: Option<String>,
+}
+
+/// A registered mark and its file.
+#[derive(Debug)]
+pub struct Embedded {
+    /// The record.
+    pub record: Record,
+    /// The marked file.
+    pub bytes: Bytes,
+    /// An earlier request with the same idempotency key made it.
+    pub replayed: bool,
+}
+
+/// What the pool hands back.
+struct Done {
+    marked: Bytes,
+    marked_sha256: [u8; 32],
+    host: Option<Bytes>,
+    format: Format,
+    frame: crate::watermark::Frame,
+    vertices: u64,
+    triangles: u64,
+    usable_bins: u32,
+}
+
+impl Service {
+    /// Marks a host and registers the mark, or answers a retry with what it made before.
+    ///
+    /// # Errors
+    /// [`ServiceError`]; then nothing is registered and nothing is kept.
+    pub async fn embed(self: &Arc<Self>, request: EmbedRequest) -> Result<Embedded, ServiceError> {
+        // Cheap refusals first.
+        if let Some(key) = &request.idempotency_key {
+            idempotency::check_key(key)?;
+        }
+        if let Some(payload) = &request.payload {
+            Message::from_bytes(payload, request.bits).map_err(|error| {
+                ServiceError::InvalidParameter { parameter: "payload", reason: error.to_string() }
+            })?;
+        }
+        let service = self.clone();
+        self.see_through(async move { service.embed_once(request).await }).await
+    }
+
+    async fn embed_once(self: Arc<Self>, request: EmbedRequest) -> Result<Embedded, ServiceError> {
+        let Some(key) = request.idempotency_key.clone() else {
+            return self.embed_new(request, None).await;
+        };
+        let owner_id = request.owner_id.as_str().to_owned();
+        let _held = self.in_progress.hold(&owner_id, &key)?;
+        let fingerprint = idempotency::fingerprint(&request);
+        match self.registry.idempotency(&owner_id, &key).await? {
+            Some(entry) if entry.fingerprint != fingerprint => {
+                Err(ServiceError::IdempotencyConflict)
+            }
+            Some(entry) => self.replay(request, entry.watermark_id).await,
+            None => self.embed_new(request, Some((key, fingerprint))).await,
+        }
+    }
+
+    async fn embed_new(
+        self: &Arc<Self>,
+        mut request: EmbedRequest,
+        idempotency: Option<(String, [u8; 32])>,
+    ) -> Result<Embedded, ServiceError> {
+        let id = Uuid::now_v7();
+        let owner_id = request.owner_id.as_str().to_owned();
+        let salt: [u8; 32] = random_bytes()?;
+        let message = match &request.payload {
+            Some(payload) => Message::from_bytes(payload, request.bits)?,
+            None => random_message(request.bits)?,
+        };
+        let key_id = self.keys.current().to_owned();
+        let key = mark_key(&self.keys, &key_id, &salt, &owner_id)?;
+        let host_sha256 = request.file.sha256;
+        let file_name = request.file.name.take();
+        let params = embed_params(request.method, request.strength, request.bits);
+        let message_bytes = message.to_bytes();
+        let keep_host = request.keep_host;
+        let done = self.mark(request.file, key, message, params, keep_host).await?;
+        let record = Record {
+            id,
+            owner_id,
+            recipient: request.recipient.map(|text| text.as_str().to_owned()),
+            label: request.label.map(|text| text.as_str().to_owned()),
+            method: request.method,
+            scheme: SCHEME,
+            strength: request.strength,
+            bits: request.bits,
+            key_id,
+            salt,
+            message: message_bytes,
+            payload: request.payload,
+            frame: done.frame,
+            host_sha256,
+            marked_sha256: done.marked_sha256,
+            marked_bytes: done.marked.len() as u64,
+            format: done.format,
+            file_name,
+            vertices: done.vertices,
+            triangles: done.triangles,
+            usable_bins: done.usable_bins,
+            file_kept: request.keep_file,
+            host_kept: done.host.is_some(),
+            // Whole microseconds: what the registry keeps.
+            created_at: now()?,
+            revoked_at: None,
+        };
+        let file = request.keep_file.then(|| done.marked.clone());
+        self.register(&record, file, done.host, idempotency).await?;
+        Ok(Embedded { record, bytes: done.marked, replayed: false })
+    }
+
+    async fn mark(
+        &self,
+        mut file: Spooled,
+        key: MarkKey,
+        message: Message,
+        params: EmbedParams,
+        keep_host: bool,
+    ) -> Result<Done, ServiceError> {
+        let limits = self.config.limits;
+        let independent_check_max_bytes = self.config.independent_check_max_bytes;
+        self.run(file.bytes, move |stop| {
+            let host_bytes = file.read()?;
+            let stop = || stop.now();
+            let request = MarkRequest {
+                key: &key,
+                message: &message,
+                params,
+                limits,
+                stop: &stop,
+                independent_check_max_bytes,
+            };
+            let Marked { bytes, format, host, host_frame, report } = mark(&host_bytes, &request)?;
+            drop(host_bytes);
+            let packed = keep_host.then(|| geometry::pack(&host)).transpose()?;
+            let usable_bins = u32::try_from(report.usable_bins)
+                .map_err(|_| ServiceError::Internal("too many bins".to_owned()))?;
+            Ok(Done {
+                marked_sha256: Sha256::digest(&bytes).into(),
+                marked: bytes.into(),
+                host: packed.map(Bytes::from),
+                format,
+                frame: host_frame,
+                vertices: host.positions().len() as u64,
+                triangles: host.triangles().len() as u64,
+                usable_bins,
+            })
+        })
+        .await
+    }
+
+    /// Blobs, then the registry, then the index: a record exists if and only if its file could be
+    /// handed out.
+    async fn register(
+        self: &Arc<Self>,
+        record: &Record,
+        file: Option<Bytes>,
+        host: Option<Bytes>,
+        idempotency: Option<(String, [u8; 32])>,
+    ) -> Result<(), ServiceError> {
+        let codeword = codeword(&self.keys, record)?;
+        let mut undo = RemoveBlobs { service: self.clone(), id: Some(record.id) };
+        for (kind, bytes) in [(Kind::File, file), (Kind::Host, host)] {
+            if let Some(bytes) = bytes {
+                self.blobs.put(kind, record.id, bytes).await?;
+            }
+        }
+        let entry = idempotency.map(|(key, fingerprint)| IdempotencyEntry {
+            owner_id: record.owner_id.clone(),
+            key,
+            fingerprint,
+            watermark_id: record.id,
+        });
+        match self.registry.register(record, entry.as_ref()).await {
+            Ok(()) => undo.id = None,
+            Err(RegistryError::IdempotencyTaken) => {
+                return Err(ServiceError::IdempotencyInProgress);
+            }
+            Err(error) => return Err(error.into()),
+        }
+        let (service, record) = (self.clone(), record.clone());
+        // The lock may be held by a search: wait for it on a blocking thread.
+        let inserted = tokio::task::spawn_blocking(move || {
+            service.known.write().insert(&record, &codeword);
+        });
+        inserted.await.map_err(|error| ServiceError::Internal(error.to_string()))
+    }
+
+    async fn replay(
+        self: &Arc<Self>,
+        request: EmbedRequest,
+        id: Uuid,
+    ) -> Result<Embedded, ServiceError> {
+        let record = self.registry.record(id).await?.ok_or(ServiceError::UnknownWatermark(id))?;
+        if record.file_kept
+            && let Some(bytes) = self.blobs.get(Kind::File, id).await?
+        {
+            return Ok(Embedded { record, bytes, replayed: true });
+        }
+        // Marking is deterministic: the same host, key and message give the same bytes.
+        let message = Message::from_bytes(&record.message, record.bits)?;
+        let key = mark_key(&self.keys, &record.key_id, &record.salt, &record.owner_id)?;
+        let params = embed_params(record.method, record.strength, record.bits);
+        let done = self.mark(request.file, key, message, params, false).await?;
+        if done.marked_sha256 != record.marked_sha256 {
+            return Err(ServiceError::CannotRemake(id));
+        }
+        Ok(Embedded { record, bytes: done.marked, replayed: true })
+    }
+}
+
+fn embed_params(method: Method, strength: Strength, bits: BitCount) -> EmbedParams {
+    EmbedParams { method, strength, bits, closed_loop: true }
+}
+
+fn random_message(bits: BitCount) -> Result<Message, ServiceError> {
+    let random: [u8; 32] = random_bytes()?;
+    let drawn = random.iter().flat_map(|byte| (0..8).map(move |place| byte >> place & 1 == 1));
+    Ok(Message::from_bits(drawn.take(bits.get()).collect())?)
+}
+
+pub(super) fn now() -> Result<Timestamp, ServiceError> {
+    Timestamp::from_microsecond(Timestamp::now().as_microsecond())
+        .map_err(|error| ServiceError::Internal(error.to_string()))
+}
+
+/// Removes a record's blobs when it is dropped, unless the record was registered. On every way
+/// out: an error, a panic, a task that is cut off.
+struct RemoveBlobs {
+    service: Arc<Service>,
+    id: Option<Uuid>,
+}
+
+impl Drop for RemoveBlobs {
+    fn drop(&mut self) {
+        let Some(id) = self.id else { return };
+        let service = self.service.clone();
+        self.service.tasks.spawn(async move {
+            // A commit whose answer was lost may have worked: then the blobs are needed.
+            if matches!(service.registry.exists(id).await, Ok(false))
+                && let Err(error) = service.blobs.remove(id).await
+            {
+                error!(%id, %error, "files of a failed request stay until the next start");
+            }
+        });
+    }
+}

@@ -1,0 +1,106 @@
+//! What a use case can refuse. One variant per cause; must not know about HTTP.
+
+use std::time::Duration;
+
+use uuid::Uuid;
+
+use crate::blobs::BlobError;
+use crate::blobs::geometry::GeometryError;
+use crate::formats::FormatError;
+use crate::jobs::JobError;
+use crate::keys::KeyError;
+use crate::marking::MarkError;
+use crate::registry::RegistryError;
+use crate::watermark::WatermarkError;
+
+/// Why a request was not done.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// A parameter that cannot be used.
+    #[error("{parameter}: {reason}")]
+    InvalidParameter {
+        /// Its name in requests.
+        parameter: &'static str,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
+    /// The file cannot be read as a mesh.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// The mesh cannot be marked or read.
+    #[error(transparent)]
+    Watermark(#[from] WatermarkError),
+    /// The marked file did not read back: a bug, caught before anything was handed out.
+    #[error("the marked file failed its check and was not handed out: {0}")]
+    Check(String),
+    /// No such record.
+    #[error("there is no watermark {0}; list the known ones with GET /v1/watermarks")]
+    UnknownWatermark(Uuid),
+    /// No such verification.
+    #[error("there is no verification {0}")]
+    UnknownVerification(Uuid),
+    /// The record is there, its file is not.
+    #[error(
+        "the marked file of {0} was not kept; upload the host again with the same Idempotency-Key \
+         and parameters to get the same bytes"
+    )]
+    FileNotKept(Uuid),
+    /// The idempotency key stands for another request.
+    #[error(
+        "this Idempotency-Key was used for another request (other parameters or another file); use \
+         a new key"
+    )]
+    IdempotencyConflict,
+    /// A request with this idempotency key runs now.
+    #[error("a request with this Idempotency-Key is being worked on; try again shortly")]
+    IdempotencyInProgress,
+    /// The file was not kept and this version marks it differently.
+    #[error(
+        "the record {0} exists, but its marked file was not kept and cannot be made again; use a \
+         new Idempotency-Key"
+    )]
+    CannotRemake(Uuid),
+    /// The pool did not run the job.
+    #[error(transparent)]
+    Job(#[from] JobError),
+    /// A bug or a broken machine: the text is for the log.
+    #[error("{0}")]
+    Internal(String),
+}
+
+impl ServiceError {
+    /// When the same request may work.
+    #[must_use]
+    pub fn retry_after(&self) -> Option<Duration> {
+        match self {
+            Self::Job(JobError::Busy { retry_after }) => Some(*retry_after),
+            Self::Job(JobError::ShuttingDown | JobError::DeadlinePassed) => {
+                Some(Duration::from_secs(10))
+            }
+            Self::IdempotencyInProgress => Some(Duration::from_secs(1)),
+            _ => None,
+        }
+    }
+}
+
+impl From<MarkError> for ServiceError {
+    fn from(error: MarkError) -> Self {
+        match error {
+            MarkError::Format(error) => error.into(),
+            MarkError::Watermark(WatermarkError::Cancelled) => JobError::DeadlinePassed.into(),
+            MarkError::Watermark(error) => error.into(),
+            MarkError::Check(reason) => Self::Check(reason),
+        }
+    }
+}
+
+macro_rules! internal {
+    ($($error:ty)*) => {$(
+        impl From<$error> for ServiceError {
+            fn from(error: $error) -> Self {
+                Self::Internal(error.to_string())
+            }
+        }
+    )*};
+}
+internal!(BlobError RegistryError KeyError GeometryError std::io::Error);

@@ -1,0 +1,248 @@
+//! The use cases: embed, verify, inspect, and what is asked about records.
+//!
+//! Transactions and the order of work live here, nowhere else. Must not know about HTTP, nor how
+//! records and files are stored.
+
+mod embed;
+mod error;
+mod idempotency;
+mod inspect;
+mod known;
+mod records;
+mod spool;
+mod text;
+mod verify;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use tokio_util::task::TaskTracker;
+use tracing::{info, warn};
+
+use crate::blobs::{BlobError, Blobs};
+use crate::config::{Config, MEMORY_PER_UPLOAD_BYTE, SecretText};
+use crate::jobs::{JobError, Pool, Stop};
+use crate::keys::{KeyError, KeyRing};
+use crate::registry::{Registry, RegistryError, Sqlite};
+
+pub use embed::{EmbedRequest, Embedded};
+pub use error::ServiceError;
+pub use inspect::Inspected;
+pub use records::MarkedFile;
+pub use spool::{Spool, Spooled};
+pub use text::Text;
+pub use verify::{FileFacts, FrameName, Match, Verdict, Verification, VerifyRequest};
+
+/// Records read from the registry at a time.
+const BATCH: u32 = 5_000;
+
+/// For tasks whose jobs were told to stop: removing files takes no longer.
+const TIDY: Duration = Duration::from_secs(5);
+
+/// Why the service cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// Keys.
+    #[error(transparent)]
+    Keys(#[from] KeyError),
+    /// Registry.
+    #[error(transparent)]
+    Registry(#[from] RegistryError),
+    /// Blob store.
+    #[error(transparent)]
+    Blobs(#[from] BlobError),
+    /// The directory for uploads.
+    #[error("the directory {path} cannot be prepared: {source}", path = path.display())]
+    Directory {
+        /// The directory.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The codewords of the records.
+    #[error("the marks of the registry cannot be loaded: {0}")]
+    Load(String),
+}
+
+/// The service: everything that a request needs. Shared by all of them.
+pub struct Service {
+    config: Config,
+    keys: KeyRing,
+    registry: Arc<dyn Registry>,
+    blobs: Blobs,
+    pool: Pool,
+    known: known::SharedKnown,
+    in_progress: idempotency::InProgress,
+    /// Work that outlives the connection it began on.
+    tasks: TaskTracker,
+    spool_directory: PathBuf,
+}
+
+impl Service {
+    /// Opens everything under the data directory, makes what is not there, and loads the marks.
+    ///
+    /// # Errors
+    /// [`StartError`], with a text for the operator.
+    pub async fn open(config: Config) -> Result<Arc<Self>, StartError> {
+        let registry = Sqlite::open(&config.data).await?;
+        let keys = open_keys(&config)?;
+        let blobs = Blobs::local(&config.data.join("blobs"))?;
+        let orphans = blobs.sweep(&registry).await?;
+        if orphans > 0 {
+            info!(orphans, "removed files without a record, left by an earlier crash");
+        }
+        let spool_directory = config.data.join("uploads");
+        std::fs::create_dir_all(&spool_directory)
+            .map_err(|source| StartError::Directory { path: spool_directory.clone(), source })?;
+        let service = Arc::new(Self {
+            pool: Pool::new(config.workers, config.queue, config.memory_budget_bytes),
+            known: known::SharedKnown::default(),
+            in_progress: idempotency::InProgress::default(),
+            tasks: TaskTracker::new(),
+            registry: Arc::new(registry),
+            keys,
+            blobs,
+            spool_directory,
+            config,
+        });
+        service.load().await?;
+        service.announce();
+        Ok(service)
+    }
+
+    async fn load(self: &Arc<Self>) -> Result<(), StartError> {
+        let mut after = None;
+        let mut unreadable = 0_u64;
+        loop {
+            let records = self.registry.live(None, after, BATCH).await?;
+            let Some(last) = records.last() else { break };
+            after = Some(last.id);
+            let service = self.clone();
+            let loading = tokio::task::spawn_blocking(move || {
+                let mut known = service.known.write();
+                let mut missing = 0;
+                for record in &records {
+                    match known::codeword(&service.keys, record) {
+                        Ok(codeword) => known.insert(record, &codeword),
+                        Err(error) => {
+                            missing += 1;
+                            warn!(watermark = %record.id, %error, "a mark cannot be searched for");
+                        }
+                    }
+                }
+                missing
+            });
+            unreadable += loading.await.map_err(|error| StartError::Load(error.to_string()))?;
+        }
+        if unreadable > 0 {
+            warn!(unreadable, "marks cannot be searched for: their master keys are missing");
+        }
+        Ok(())
+    }
+
+    fn announce(&self) {
+        let data = self.config.data.display();
+        info!(data = %data, marks = self.known.read().len(), "registry and files are open");
+        if self.config.master_key.is_some() {
+            info!(key_id = self.keys.current(), "the master key comes from the settings");
+        } else {
+            let file = self.config.master_key_file.display();
+            info!(
+                key_id = self.keys.current(),
+                file = %file,
+                "master keys are in this file; without it no mark can be read again: copy it to a \
+                 safe place, apart from the data directory's backup"
+            );
+        }
+    }
+
+    /// The settings.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// The worker pool, for its numbers and for refusing before an upload is read.
+    #[must_use]
+    pub fn pool(&self) -> &Pool {
+        &self.pool
+    }
+
+    /// How many marks are searched.
+    #[must_use]
+    pub fn marks(&self) -> usize {
+        self.known.read().len()
+    }
+
+    /// Begins an upload.
+    ///
+    /// # Errors
+    /// [`ServiceError::Internal`]: the disk.
+    pub fn spool(&self) -> Result<Spool, ServiceError> {
+        Ok(Spool::begin(&self.spool_directory)?)
+    }
+
+    /// Whether requests can be served.
+    ///
+    /// # Errors
+    /// [`ServiceError`] saying what does not answer.
+    pub async fn ready(&self) -> Result<(), ServiceError> {
+        match self.pool.check() {
+            Err(JobError::ShuttingDown) => return Err(JobError::ShuttingDown.into()),
+            // A full queue is no reason to be taken out of service.
+            Ok(()) | Err(_) => {}
+        }
+        Ok(self.registry.ping().await?)
+    }
+
+    /// Takes no more work and lets what runs end, at most `grace`; then tells it to stop. Returns
+    /// whether all of it ended by itself.
+    pub async fn drain(&self, grace: Duration) -> bool {
+        self.pool.drain(grace).await
+    }
+
+    /// Waits for the tidying of what was stopped and closes the registry. Returns whether
+    /// everything was tidied.
+    pub async fn close(&self) -> bool {
+        self.tasks.close();
+        let tidy = tokio::time::timeout(TIDY, self.tasks.wait()).await.is_ok();
+        self.registry.close().await;
+        tidy
+    }
+
+    /// Runs a job over an upload of this many bytes on the pool.
+    async fn run<T: Send + 'static>(
+        &self,
+        upload_bytes: u64,
+        job: impl FnOnce(&Stop) -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let slot = self.pool.admit()?;
+        let deadline = Instant::now() + self.config.request_timeout;
+        let memory = upload_bytes.saturating_mul(MEMORY_PER_UPLOAD_BYTE);
+        self.pool.run(slot, memory, deadline, job).await?
+    }
+
+    /// Runs work to its end even when the client that asked for it hangs up.
+    async fn see_through<T: Send + 'static>(
+        &self,
+        work: impl Future<Output = Result<T, ServiceError>> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        match self.tasks.spawn(work).await {
+            Ok(done) => done,
+            Err(error) => Err(ServiceError::Internal(format!("a request's task failed: {error}"))),
+        }
+    }
+}
+
+fn open_keys(config: &Config) -> Result<KeyRing, KeyError> {
+    if let Some(text) = &config.master_key {
+        return KeyRing::from_hex(SecretText::reveal(text));
+    }
+    let (ring, created) = KeyRing::open_or_create(&config.master_key_file)?;
+    if created {
+        let file = config.master_key_file.display();
+        info!(file = %file, key_id = ring.current(), "made a new master key");
+    }
+    Ok(ring)
+}

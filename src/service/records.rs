@@ -1,0 +1,96 @@
+//! Records: one, a page, its file, and revoking it.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use uuid::Uuid;
+
+use super::embed::now;
+use super::{Service, ServiceError};
+use crate::blobs::Kind;
+use crate::registry::{Cursor, Filter, Page, Record};
+
+/// Most records on one page.
+pub const LONGEST_PAGE: u32 = 200;
+
+/// A marked file, again.
+#[derive(Debug)]
+pub struct MarkedFile {
+    /// Its record.
+    pub record: Record,
+    /// Its bytes.
+    pub bytes: Bytes,
+}
+
+impl Service {
+    /// One record, revoked or not.
+    ///
+    /// # Errors
+    /// [`ServiceError::UnknownWatermark`].
+    pub async fn record(&self, id: Uuid) -> Result<Record, ServiceError> {
+        self.registry.record(id).await?.ok_or(ServiceError::UnknownWatermark(id))
+    }
+
+    /// A page of records, newest first.
+    ///
+    /// # Errors
+    /// [`ServiceError::InvalidParameter`] for a limit out of 1 to 200 or a foreign cursor.
+    pub async fn page(
+        &self,
+        filter: &Filter,
+        cursor: Option<&str>,
+        limit: u32,
+    ) -> Result<Page, ServiceError> {
+        let refuse = |parameter, reason: &str| ServiceError::InvalidParameter {
+            parameter,
+            reason: reason.to_owned(),
+        };
+        if !(1..=LONGEST_PAGE).contains(&limit) {
+            return Err(refuse("limit", "must be from 1 to 200"));
+        }
+        let after = match cursor {
+            None => None,
+            Some(text) => Some(Cursor::from_text(text).ok_or_else(|| {
+                refuse("cursor", "is not one; take next_cursor from the page before, unchanged")
+            })?),
+        };
+        Ok(self.registry.page(filter, after, limit).await?)
+    }
+
+    /// The marked file of a record.
+    ///
+    /// # Errors
+    /// [`ServiceError::FileNotKept`].
+    pub async fn marked_file(&self, id: Uuid) -> Result<MarkedFile, ServiceError> {
+        let record = self.record(id).await?;
+        if !record.file_kept {
+            return Err(ServiceError::FileNotKept(id));
+        }
+        let bytes = self.blobs.get(Kind::File, id).await?.ok_or(ServiceError::FileNotKept(id))?;
+        Ok(MarkedFile { record, bytes })
+    }
+
+    /// Revokes a mark: it is kept and no longer searched. Doing it twice changes nothing.
+    ///
+    /// # Errors
+    /// [`ServiceError::UnknownWatermark`].
+    pub async fn revoke(self: &Arc<Self>, id: Uuid) -> Result<Record, ServiceError> {
+        let service = self.clone();
+        let revoked = async move {
+            let revoked = service.registry.revoke(id, now()?).await?;
+            let record = revoked.ok_or(ServiceError::UnknownWatermark(id))?;
+            let removed = tokio::task::spawn_blocking(move || service.known.write().remove(id));
+            removed.await.map_err(|error| ServiceError::Internal(error.to_string()))?;
+            Ok(record)
+        };
+        self.see_through(revoked).await
+    }
+
+    /// How many blobs there are; for operators and tests.
+    ///
+    /// # Errors
+    /// [`ServiceError::Internal`].
+    pub async fn blob_count(&self) -> Result<usize, ServiceError> {
+        Ok(self.blobs.count().await?)
+    }
+}

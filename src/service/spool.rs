@@ -1,0 +1,114 @@
+//! Uploads on their way in: to a nameless temporary file, hashed as they come.
+//!
+//! The file has no name, so neither a crash nor a client that hangs up leaves it behind. Writing
+//! and hashing happen on blocking threads in steps of [`STEP`] bytes.
+
+use std::fs::File;
+use std::io::{self, Read, Seek, Write};
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+/// Bytes gathered before a blocking thread is asked to write them.
+const STEP: usize = 1 << 20;
+
+/// A whole upload.
+#[derive(Debug)]
+pub struct Spooled {
+    file: File,
+    /// Its length.
+    pub bytes: u64,
+    /// Its hash.
+    pub sha256: [u8; 32],
+    /// The file name that the client gave, unchecked: for showing, never for opening.
+    pub name: Option<String>,
+}
+
+impl Spooled {
+    /// All bytes. On a blocking thread only.
+    ///
+    /// # Errors
+    /// What the system said.
+    pub fn read(&mut self) -> io::Result<Vec<u8>> {
+        let length = usize::try_from(self.bytes).map_err(io::Error::other)?;
+        let mut bytes = Vec::with_capacity(length);
+        self.file.rewind()?;
+        self.file.read_to_end(&mut bytes)?;
+        Ok(bytes)
+    }
+}
+
+/// An upload that is still coming.
+pub struct Spool {
+    sink: Sink,
+    waiting: Vec<u8>,
+}
+
+struct Sink {
+    file: File,
+    hash: Sha256,
+    bytes: u64,
+}
+
+impl Spool {
+    /// Begins an upload; `directory` is where its temporary file lies.
+    ///
+    /// # Errors
+    /// What the system said.
+    pub fn begin(directory: &Path) -> io::Result<Self> {
+        let file = tempfile::tempfile_in(directory)?;
+        Ok(Self { sink: Sink { file, hash: Sha256::new(), bytes: 0 }, waiting: Vec::new() })
+    }
+
+    /// Takes the next bytes.
+    ///
+    /// # Errors
+    /// What the system said: a full disk, mostly.
+    pub async fn write(mut self, chunk: &[u8]) -> io::Result<Self> {
+        self.waiting.extend_from_slice(chunk);
+        if self.waiting.len() >= STEP { self.flush().await } else { Ok(self) }
+    }
+
+    async fn flush(mut self) -> io::Result<Self> {
+        tokio::task::spawn_blocking(move || {
+            self.sink.file.write_all(&self.waiting)?;
+            self.sink.hash.update(&self.waiting);
+            self.sink.bytes += self.waiting.len() as u64;
+            self.waiting.clear();
+            Ok(self)
+        })
+        .await
+        .map_err(io::Error::other)?
+    }
+
+    /// Ends the upload.
+    ///
+    /// # Errors
+    /// What the system said.
+    pub async fn end(self, name: Option<String>) -> io::Result<Spooled> {
+        let Sink { file, hash, bytes } = self.flush().await?.sink;
+        Ok(Spooled { file, bytes, sha256: hash.finalize().into(), name })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn what_goes_in_comes_out() {
+        let directory = tempfile::tempdir().unwrap();
+        for length in [0, 1, STEP - 1, STEP, 3 * STEP + 5] {
+            let bytes: Vec<u8> = (0..=255).cycle().take(length).collect();
+            let mut spool = Spool::begin(directory.path()).unwrap();
+            for chunk in bytes.chunks(100_000) {
+                spool = spool.write(chunk).await.unwrap();
+            }
+            let mut spooled = spool.end(None).await.unwrap();
+            assert_eq!(spooled.bytes, length as u64);
+            assert_eq!(spooled.sha256, <[u8; 32]>::from(Sha256::digest(&bytes)));
+            assert!(spooled.read().unwrap() == bytes && spooled.read().unwrap() == bytes);
+        }
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
+    }
+}
