@@ -1,28 +1,39 @@
 //! `quadmark health`: asks a running service whether it is ready; for container health checks.
 
-use std::io::{Read, Write};
+use std::io::{self, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
+use std::process::ExitCode;
 use std::time::Duration;
 
 use quadmark::config::{Config, ConfigArgs};
+
+use super::{Failure, Outcome};
 
 const TIMEOUT: Duration = Duration::from_secs(5);
 /// The status line is all that is read.
 const MOST: u64 = 1024;
 
+/// Where the settings come from; only the address is used.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    config: ConfigArgs,
+}
+
 /// Prints `ok`, or fails.
-///
-/// # Errors
-/// A text: nothing listens, or it is not ready.
-pub(crate) fn run(args: ConfigArgs) -> Result<(), Box<dyn std::error::Error>> {
+pub(super) fn run(arguments: &Arguments) -> Outcome {
+    let mut args = arguments.config.clone();
+    // Asking is harmless wherever the service listens.
+    args.settings.insecure_listen = Some(true);
     let address = reachable(Config::load(args)?.listen);
-    let status = ask(address).map_err(|error| format!("{address} does not answer: {error}"))?;
+    let status =
+        ask(address).map_err(|error| Failure(format!("{address} does not answer: {error}")))?;
     if status.starts_with("HTTP/1.1 200 ") {
         println!("ok");
-        return Ok(());
+        return Ok(ExitCode::SUCCESS);
     }
     let line = status.lines().next().unwrap_or_default();
-    Err(format!("{address} is not ready: {line}").into())
+    Err(Failure(format!("{address} is not ready: {line}")))
 }
 
 /// A service that listens on all addresses is asked on the loopback one.
@@ -36,7 +47,7 @@ fn reachable(mut address: SocketAddr) -> SocketAddr {
     address
 }
 
-fn ask(address: SocketAddr) -> std::io::Result<String> {
+fn ask(address: SocketAddr) -> io::Result<String> {
     let mut stream = TcpStream::connect_timeout(&address, TIMEOUT)?;
     stream.set_read_timeout(Some(TIMEOUT))?;
     stream.set_write_timeout(Some(TIMEOUT))?;

@@ -1,34 +1,46 @@
 //! `quadmark keys list|rotate`: master keys by their ids. No key is ever printed.
 
+use std::process::ExitCode;
+
 use clap::Subcommand;
 use quadmark::config::{Config, ConfigArgs};
 use quadmark::keys::KeyRing;
 
+use super::{Failure, Outcome};
+
 /// What to do with the master keys.
-#[derive(Debug, Subcommand)]
-pub(crate) enum KeysCommand {
-    /// List the ids, oldest first; the last one makes new marks
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// List the ids, oldest first; the last one makes new marks.
     List(ConfigArgs),
     /// Add a new key for new marks; old ones stay, to verify old marks. Restart the service and
-    /// back the key file up afterwards
+    /// back the key file up afterwards.
     Rotate(ConfigArgs),
 }
 
-/// # Errors
-/// A text: the key file cannot be read or written.
-pub(crate) fn run(command: KeysCommand) -> Result<(), Box<dyn std::error::Error>> {
-    match command {
-        KeysCommand::List(args) => {
+/// Prints ids.
+pub(super) fn run(arguments: &Arguments) -> Outcome {
+    match &arguments.command {
+        Command::List(args) => {
             for id in open(args)?.ids() {
                 println!("{id}");
             }
         }
-        KeysCommand::Rotate(args) => println!("{}", open(args)?.rotate()?),
+        Command::Rotate(args) => println!("{}", open(args)?.rotate()?),
     }
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }
 
-fn open(args: ConfigArgs) -> Result<KeyRing, Box<dyn std::error::Error>> {
+fn open(args: &ConfigArgs) -> Result<KeyRing, Failure> {
+    let mut args = args.clone();
+    // No address is used here.
+    args.settings.insecure_listen = Some(true);
     let config = Config::load(args)?;
     Ok(match &config.master_key {
         Some(key) => KeyRing::from_hex(key.reveal())?,

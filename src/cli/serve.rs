@@ -1,22 +1,32 @@
 //! `quadmark serve`: the HTTP service.
 
+use std::process::ExitCode;
+use std::time::Duration;
+
 use quadmark::config::{Config, ConfigArgs, LogFormat};
 
-/// Serve until SIGINT or SIGTERM.
-///
-/// # Errors
-/// A text for the operator: a setting, the data directory, the key file, the address.
-pub(crate) fn run(args: ConfigArgs) -> Result<(), Box<dyn std::error::Error>> {
-    let config = Config::load(args)?;
+use super::Outcome;
+
+/// Where the settings come from.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    config: ConfigArgs,
+}
+
+/// Serves until SIGINT or SIGTERM.
+pub(super) fn run(arguments: &Arguments) -> Outcome {
+    let config = Config::load(arguments.config.clone())?;
     start_log(&config);
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let served = runtime.block_on(quadmark::http::serve(config));
     // A job that does not heed its stop must not keep the process alive.
-    runtime.shutdown_timeout(std::time::Duration::from_secs(1));
-    Ok(served?)
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    served?;
+    Ok(ExitCode::SUCCESS)
 }
 
-/// Log lines go to stderr: stdout belongs to data.
+/// Log lines go to standard error: standard output belongs to data.
 fn start_log(config: &Config) {
     let filter = tracing_subscriber::EnvFilter::new(&config.log_level);
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);

@@ -1,0 +1,73 @@
+//! The program itself: started as a user starts it, stopped as an operator stops it.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_quadmark");
+
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn program() -> Command {
+    let mut command = Command::new(PROGRAM);
+    for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("QUADMARK_")) {
+        command.env_remove(name);
+    }
+    command
+}
+
+#[test]
+fn serves_reports_and_goes_down_in_order() {
+    let help = program().args(["serve", "--help"]).output().unwrap();
+    if !String::from_utf8_lossy(&help.stdout).contains("--listen") {
+        eprintln!("skipped: this build of quadmark has no serve command");
+        return;
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let data = directory.path().join("data");
+    let child = program()
+        .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--data"])
+        .arg(&data)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut running = Running(child);
+    let mut lines = BufReader::new(running.0.stderr.take().unwrap()).lines();
+    let mut log = String::new();
+    let address = lines
+        .by_ref()
+        .map(|line| line.unwrap())
+        .find_map(|line| {
+            log.push_str(&line);
+            let line: serde_json::Value = serde_json::from_str(&line).unwrap();
+            (line["message"] == "listening").then(|| line["address"].as_str().unwrap().to_owned())
+        })
+        .expect("it listens");
+    let key_file = std::fs::read_to_string(data.join("master.keys")).unwrap();
+    let (key_id, key) = key_file.trim().split_once(' ').unwrap();
+    assert!(log.contains("master.keys") && log.contains(key_id) && !log.contains(key), "{log}");
+    let health = program().args(["health", "--listen", &address]).output().unwrap();
+    assert!(health.status.success(), "{}", String::from_utf8_lossy(&health.stderr));
+    let keys = program().args(["keys", "list", "--data"]).arg(&data).output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&keys.stdout).trim(), key_id);
+    // A second one on the same directory is refused.
+    let second =
+        program().args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(&data).output().unwrap();
+    assert_eq!(second.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&second.stderr).contains("in use"), "{second:?}");
+    let kill = Command::new("kill").arg(running.0.id().to_string()).status();
+    if kill.is_ok_and(|status| status.success()) {
+        let rest: Vec<String> = lines.map(|line| line.unwrap()).collect();
+        assert_eq!(running.0.wait().unwrap().code(), Some(0), "{rest:?}");
+    }
+    let open = program().args(["serve", "--listen", "0.0.0.0:0", "--data"]).arg(&data).output();
+    let open = open.unwrap();
+    assert_eq!(open.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&open.stderr).contains("--insecure-listen"), "{open:?}");
+}

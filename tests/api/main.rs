@@ -1,0 +1,11 @@
+//! The service as its users see it: a server on a port of its own, a data directory of its own,
+//! HTTP from outside.
+
+mod answers;
+mod binary;
+mod idempotency;
+mod marking;
+mod protocol;
+mod records;
+mod refusals;
+mod server;
