@@ -19,6 +19,9 @@ use crate::formats::Limits;
 /// Bytes of memory that one job is reckoned to need, per byte of its upload.
 pub const MEMORY_PER_UPLOAD_BYTE: u64 = 12;
 
+/// A week: longer ones are typing errors.
+const LONGEST_TIMEOUT: Duration = Duration::from_hours(7 * 24);
+
 /// Why the configuration cannot be used. The text names the setting and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
@@ -342,7 +345,7 @@ impl Config {
             ("shutdown_grace", self.shutdown_grace),
         ];
         for (setting, timeout) in timeouts {
-            if timeout.is_zero() || timeout > Duration::from_secs(7 * 24 * 3600) {
+            if timeout.is_zero() || timeout > LONGEST_TIMEOUT {
                 return refuse(setting, "must be from 1 second to 7 days (604800)");
             }
         }

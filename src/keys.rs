@@ -93,7 +93,7 @@ fn key_id(key: &[u8; KEY_BYTES]) -> String {
     let mut hash = Sha256::new();
     hash.update(KEY_ID_LABEL);
     hash.update(key);
-    hash.finalize().iter().take(4).map(|byte| format!("{byte:02x}")).collect()
+    hex::encode(hash.finalize().first_chunk::<4>().unwrap_or(&[0; 4]))
 }
 
 /// All master keys: the last one makes new marks, the others still verify old ones.

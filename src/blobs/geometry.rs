@@ -45,7 +45,7 @@ pub fn pack(mesh: &Mesh) -> Result<Vec<u8>, GeometryError> {
     let faces = u32::try_from(triangles.len()).map_err(|_| GeometryError::TooLarge)?;
     let mut plain = vec![0; positions.len() * 24 + triangles.len() * 12];
     let (floats, corners) = plain.split_at_mut(positions.len() * 24);
-    shuffle(floats, positions.iter().flat_map(|p| p.to_array()).map(f64::to_le_bytes));
+    shuffle(floats, positions.iter().flat_map(DVec3::to_array).map(f64::to_le_bytes));
     shuffle(corners, triangles.iter().flatten().map(|corner| corner.to_le_bytes()));
     let mut packed = Vec::with_capacity(HEADER_BYTES + plain.len() / 2);
     packed.extend_from_slice(MAGIC);
@@ -123,7 +123,7 @@ mod tests {
     }
 
     fn bits(mesh: &Mesh) -> Vec<u64> {
-        mesh.positions().iter().flat_map(|p| p.to_array()).map(f64::to_bits).collect()
+        mesh.positions().iter().flat_map(DVec3::to_array).map(f64::to_bits).collect()
     }
 
     #[test]

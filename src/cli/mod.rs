@@ -7,8 +7,12 @@ mod compare;
 mod embed;
 mod extract;
 mod files;
+mod health;
 mod inspect;
+mod keys;
 mod sample;
+mod serve;
+mod verify;
 
 use std::process::ExitCode;
 
@@ -47,6 +51,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Serve over HTTP until SIGINT or SIGTERM.
+    Serve(Box<serve::Arguments>),
     /// Mark a file with a key of your own; no server, no registry.
     Embed(embed::Arguments),
     /// Read the message of a marked file blindly.
@@ -55,6 +61,14 @@ enum Command {
     Inspect(inspect::Arguments),
     /// Measure how far two surfaces are apart (MRMS and Hausdorff distance, as Metro does).
     Compare(compare::Arguments),
+    /// Compare a file with the marks of a data directory; a service may be running on it.
+    Verify(Box<verify::Arguments>),
+    /// List or rotate master keys, by their ids.
+    Keys(Box<keys::Arguments>),
+    /// Ask a running service whether it is ready.
+    Health(Box<health::Arguments>),
+    /// Print the OpenAPI document.
+    Openapi,
     /// Write a generated mesh, to try things on.
     Sample(sample::Arguments),
 }
@@ -66,6 +80,14 @@ pub(crate) fn run() -> ExitCode {
         Command::Extract(arguments) => extract::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Serve(arguments) => serve::run(&arguments),
+        Command::Verify(arguments) => verify::run(&arguments),
+        Command::Keys(arguments) => keys::run(&arguments),
+        Command::Health(arguments) => health::run(&arguments),
+        Command::Openapi => {
+            print!("{}", quadmark::http::openapi_yaml());
+            Ok(ExitCode::SUCCESS)
+        }
         Command::Sample(arguments) => sample::run(&arguments),
     };
     outcome.unwrap_or_else(|Failure(text)| {

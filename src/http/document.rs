@@ -1,4 +1,4 @@
-//! The OpenAPI document, from the code's own types.
+//! The `OpenAPI` document, from the code's own types.
 
 use utoipa::OpenApi;
 
@@ -54,7 +54,7 @@ pub(super) fn document() -> utoipa::openapi::OpenApi {
     Document::openapi()
 }
 
-/// The OpenAPI document as YAML: what `/openapi.yaml` answers and what is committed.
+/// The `OpenAPI` document as YAML: what `/openapi.yaml` answers and what is committed.
 #[must_use]
 pub fn openapi_yaml() -> String {
     document()

@@ -1,5 +1,7 @@
 //! Marked files as answers: media type, a safe file name, an entity tag.
 
+use std::fmt::Write;
+
 use axum::body::Body;
 use axum::http::{HeaderValue, header};
 use axum::response::Response;
@@ -52,7 +54,8 @@ fn disposition(name: Option<&str>, extension: &str) -> String {
         if plain_character(char::from(byte)) {
             encoded.push(char::from(byte));
         } else {
-            encoded.push_str(&format!("%{byte:02X}"));
+            // Writing to a String cannot fail.
+            let _ = write!(encoded, "%{byte:02X}");
         }
     }
     format!("attachment; filename=\"{plain}\"; filename*=UTF-8''{encoded}")

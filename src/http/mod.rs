@@ -64,6 +64,7 @@ pub fn router(service: Arc<Service>) -> Router {
         .with_state(app)
 }
 
+#[allow(clippy::needless_pass_by_value)] // the layer wants it so
 fn panicked(panic: Box<dyn std::any::Any + Send>) -> Response {
     let text = panic
         .downcast_ref::<String>()

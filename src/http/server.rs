@@ -84,14 +84,12 @@ pub async fn serve_on(
     info!(seconds = grace.as_secs(), "going down; running requests may end");
     let deadline = tokio::time::Instant::now() + grace;
     let drained = service.drain(grace).await;
-    let served = match served {
-        Some(served) => served,
+    let served = if let Some(served) = served {
+        served
+    } else {
         // Answers are still being written, at least a moment after the last job.
-        None => {
-            let deadline = deadline.max(tokio::time::Instant::now() + LAST_WORDS);
-            let ended = tokio::time::timeout_at(deadline, &mut server).await;
-            ended.unwrap_or(Ok(Ok(())))
-        }
+        let deadline = deadline.max(tokio::time::Instant::now() + LAST_WORDS);
+        tokio::time::timeout_at(deadline, &mut server).await.unwrap_or(Ok(Ok(())))
     };
     let ended = service.close().await && drained;
     if ended {

@@ -4,7 +4,6 @@
 //! `curl -F file=@x -F owner_id=acme` sends the file first, so nothing is judged before the end.
 //! The file goes to a nameless temporary file chunk by chunk; it is never whole in memory here.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use axum::extract::multipart::{Field, MultipartError};
@@ -224,8 +223,7 @@ async fn read_text(mut part: Field<'_>, name: &str, meter: &Meter) -> Result<Str
     })
 }
 
-/// The fields of an upload by name, for documentation and hints.
+/// The fields of an upload by name, for hints.
 pub(super) fn listed(known: &[&str]) -> String {
-    let all: BTreeMap<&str, ()> = known.iter().map(|name| (*name, ())).collect();
-    all.into_keys().collect::<Vec<_>>().join(", ")
+    known.join(", ")
 }

@@ -1,4 +1,4 @@
-//! The registry in one SQLite file: write-ahead log, one writer, a pool of readers.
+//! The registry in one `SQLite` file: write-ahead log, one writer, a pool of readers.
 //!
 //! Writes go through a single connection and `BEGIN IMMEDIATE`: a plain `BEGIN` that reads first
 //! and writes later failed in 217 of 400 concurrent transactions, this form in none. Must not be
@@ -21,13 +21,14 @@ use super::{Registry, RegistryError};
 
 const READERS: u32 = 4;
 
-/// The SQLite registry of one data directory.
+/// The `SQLite` registry of one data directory.
 #[derive(Debug)]
 pub struct Sqlite {
     writer: SqlitePool,
     readers: SqlitePool,
-    /// Held as long as the registry lives; the system lets go of it when the process dies.
-    _lock: File,
+    /// Held as long as the registry lives; the system lets go of it when the process dies. A
+    /// registry that is only read needs none.
+    _lock: Option<File>,
 }
 
 impl Sqlite {
@@ -51,7 +52,22 @@ impl Sqlite {
             .max_connections(READERS)
             .connect_with(options.create_if_missing(false).read_only(true))
             .await?;
-        Ok(Self { writer, readers, _lock: lock })
+        Ok(Self { writer, readers, _lock: Some(lock) })
+    }
+
+    /// Opens an existing registry to read it, also while a service has it open. Everything that
+    /// writes fails.
+    ///
+    /// # Errors
+    /// [`RegistryError`] when there is no registry of this version.
+    pub async fn open_to_read(data: &Path) -> Result<Self, RegistryError> {
+        let options = SqliteConnectOptions::new()
+            .filename(data.join("registry.sqlite"))
+            .read_only(true)
+            .busy_timeout(Duration::from_secs(10));
+        let readers = SqlitePoolOptions::new().max_connections(READERS).connect_with(options);
+        let readers = readers.await?;
+        Ok(Self { writer: readers.clone(), readers, _lock: None })
     }
 }
 
@@ -269,6 +285,21 @@ mod tests {
         assert!(matches!(error, RegistryError::InUse(_)), "{error}");
         drop(first);
         Sqlite::open(directory.path()).await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn reading_beside_a_writer() {
+        let directory = tempfile::tempdir().unwrap();
+        assert!(Sqlite::open_to_read(directory.path()).await.is_err(), "nothing there");
+        let writer = Sqlite::open(directory.path()).await.unwrap();
+        let reader = Sqlite::open_to_read(directory.path()).await.unwrap();
+        let record = sample_record();
+        writer.register(&record, None).await.unwrap();
+        assert_eq!(reader.record(record.id).await.unwrap(), Some(record));
+        assert!(reader.register(&sample_record(), None).await.is_err());
+        writer.close().await;
+        drop(writer);
+        assert_eq!(reader.live(None, None, 9).await.unwrap().len(), 1);
     }
 
     #[tokio::test]

@@ -1,4 +1,4 @@
-//! Records to SQLite rows and back.
+//! Records to `SQLite` rows and back.
 //!
 //! What a row holds is parsed, not trusted: a value that this version does not know is an error
 //! that names the row and the column.

@@ -77,6 +77,8 @@ pub struct Service {
     /// Work that outlives the connection it began on.
     tasks: TaskTracker,
     spool_directory: PathBuf,
+    /// Verdicts are not kept.
+    only_reads: bool,
 }
 
 impl Service {
@@ -95,7 +97,38 @@ impl Service {
         let spool_directory = config.data.join("uploads");
         std::fs::create_dir_all(&spool_directory)
             .map_err(|source| StartError::Directory { path: spool_directory.clone(), source })?;
-        let service = Arc::new(Self {
+        let service = Self::over(config, keys, registry, blobs, spool_directory, false);
+        service.load().await?;
+        service.announce();
+        Ok(service)
+    }
+
+    /// Opens an existing data directory for verifying alone: nothing in it is changed, verdicts
+    /// are not kept, and a running service is not disturbed.
+    ///
+    /// # Errors
+    /// [`StartError`], with a text for the operator.
+    pub async fn open_to_verify(config: Config) -> Result<Arc<Self>, StartError> {
+        let registry = Sqlite::open_to_read(&config.data).await?;
+        let keys = match &config.master_key {
+            Some(text) => KeyRing::from_hex(SecretText::reveal(text))?,
+            None => KeyRing::open(&config.master_key_file)?,
+        };
+        let blobs = Blobs::local(&config.data.join("blobs"))?;
+        let service = Self::over(config, keys, registry, blobs, std::env::temp_dir(), true);
+        service.load().await?;
+        Ok(service)
+    }
+
+    fn over(
+        config: Config,
+        keys: KeyRing,
+        registry: Sqlite,
+        blobs: Blobs,
+        spool_directory: PathBuf,
+        only_reads: bool,
+    ) -> Arc<Self> {
+        Arc::new(Self {
             pool: Pool::new(config.workers, config.queue, config.memory_budget_bytes),
             known: known::SharedKnown::default(),
             in_progress: idempotency::InProgress::default(),
@@ -104,11 +137,9 @@ impl Service {
             keys,
             blobs,
             spool_directory,
+            only_reads,
             config,
-        });
-        service.load().await?;
-        service.announce();
-        Ok(service)
+        })
     }
 
     async fn load(self: &Arc<Self>) -> Result<(), StartError> {
@@ -188,10 +219,9 @@ impl Service {
     /// # Errors
     /// [`ServiceError`] saying what does not answer.
     pub async fn ready(&self) -> Result<(), ServiceError> {
-        match self.pool.check() {
-            Err(JobError::ShuttingDown) => return Err(JobError::ShuttingDown.into()),
-            // A full queue is no reason to be taken out of service.
-            Ok(()) | Err(_) => {}
+        // A full queue is no reason to be taken out of service.
+        if self.pool.check() == Err(JobError::ShuttingDown) {
+            return Err(JobError::ShuttingDown.into());
         }
         Ok(self.registry.ping().await?)
     }

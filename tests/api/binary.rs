@@ -56,6 +56,14 @@ fn serves_reports_and_goes_down_in_order() {
     assert!(health.status.success(), "{}", String::from_utf8_lossy(&health.stderr));
     let keys = program().args(["keys", "list", "--data"]).arg(&data).output().unwrap();
     assert_eq!(String::from_utf8_lossy(&keys.stdout).trim(), key_id);
+    // Verifying from the command line does not disturb the service.
+    let mesh = directory.path().join("mesh.obj");
+    std::fs::write(&mesh, crate::server::obj()).unwrap();
+    let verify = program().args(["verify", "--json"]).arg(&mesh).arg("--data").arg(&data).output();
+    let verify = verify.unwrap();
+    assert_eq!(verify.status.code(), Some(1), "{}", String::from_utf8_lossy(&verify.stderr));
+    let verdict: serde_json::Value = serde_json::from_slice(&verify.stdout).unwrap();
+    assert_eq!(verdict["verdict"], "no_match");
     // A second one on the same directory is refused.
     let second =
         program().args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(&data).output().unwrap();

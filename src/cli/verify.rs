@@ -1,0 +1,80 @@
+//! `quadmark verify`: a file against the marks of a data directory, without a server.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use quadmark::config::{Config, ConfigArgs};
+use quadmark::service::{Service, ServiceError, Spool, Text, Verdict, Verification, VerifyRequest};
+
+use super::{Failure, Outcome, files};
+
+/// What to compare with what.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// The suspect: OBJ, GLB or glTF; `-` is standard input.
+    input: PathBuf,
+    /// Compare with this owner's marks only.
+    #[arg(long, value_name = "OWNER")]
+    owner_id: Option<String>,
+    /// Compare with this mark only.
+    #[arg(long, value_name = "ID")]
+    watermark_id: Option<uuid::Uuid>,
+    /// Print the verdict as JSON.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    config: ConfigArgs,
+}
+
+/// Prints the verdict; exit code 0 for a match, 1 for none.
+pub(super) fn run(arguments: &Arguments) -> Outcome {
+    let mut args = arguments.config.clone();
+    // No address is used here.
+    args.settings.insecure_listen = Some(true);
+    let config = Config::load(args)?;
+    let bytes = files::read(&arguments.input)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let verification = runtime.block_on(verify(config, &bytes, arguments))?;
+    if arguments.json {
+        files::print_json(&verification)?;
+    } else {
+        print(&verification);
+    }
+    Ok(ExitCode::from(u8::from(verification.verdict != Verdict::Match)))
+}
+
+async fn verify(
+    config: Config,
+    bytes: &[u8],
+    arguments: &Arguments,
+) -> Result<Verification, Failure> {
+    let service = Service::open_to_verify(config).await?;
+    let spooled = Spool::begin(&std::env::temp_dir())?.write(bytes).await?.end(None).await?;
+    let owner_id = arguments.owner_id.as_deref().map(|text| Text::parse("owner_id", text));
+    let owner_id = owner_id.transpose()?;
+    let watermark_id = arguments.watermark_id;
+    let request = VerifyRequest { file: spooled, owner_id, watermark_id };
+    let verified: Result<Verification, ServiceError> = service.verify(request).await;
+    service.close().await;
+    Ok(verified?)
+}
+
+fn print(verification: &Verification) {
+    let verdict = match verification.verdict {
+        Verdict::Match => "match",
+        Verdict::Inconclusive => "inconclusive",
+        Verdict::NoMatch => "no match",
+    };
+    println!("{verdict} ({} hypotheses)", verification.hypotheses);
+    for found in &verification.matches {
+        let recipient = found.recipient.as_deref().unwrap_or("-");
+        println!(
+            "{}  owner {}  recipient {recipient}  log10_fp {:.1}  {} of {} bits",
+            found.watermark_id,
+            found.owner_id,
+            found.log10_fp,
+            found.bits_agreeing,
+            found.bits_read
+        );
+    }
+}
