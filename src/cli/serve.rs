@@ -1,5 +1,6 @@
 //! `quadmark serve`: the HTTP service.
 
+use std::io::IsTerminal;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -29,7 +30,10 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 /// Log lines go to standard error: standard output belongs to data.
 fn start_log(config: &Config) {
     let filter = tracing_subscriber::EnvFilter::new(&config.log_level);
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let log = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(std::io::stderr);
     // Fails only when a log was started before; then that one serves.
     let _ = match config.log_format {
         LogFormat::Text => log.try_init(),

@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
-use crate::marking::Inspection;
 use crate::registry::{Page, Record};
 use crate::service::Inspected;
 
@@ -201,18 +200,64 @@ pub(super) struct InspectionBody {
     sha256: String,
     /// Bytes of the file.
     bytes: u64,
-    /// Counts, frame, usable bins, expected margins.
-    #[serde(flatten)]
-    #[schema(inline, value_type = Object)]
-    inspection: Inspection,
+    /// `obj`, `gltf` or `glb`.
+    format: &'static str,
+    /// Vertices of the file.
+    vertices: usize,
+    /// Triangles of the file.
+    triangles: usize,
+    /// Distinct points that a triangle with area uses.
+    carriers: usize,
+    /// Bounding-box diagonal of the carriers, in the file's unit.
+    diagonal: f64,
+    /// Area-weighted centre.
+    centre: [f64; 3],
+    /// Smallest vertex norm.
+    rho_min: f64,
+    /// Largest vertex norm.
+    rho_max: f64,
+    /// How many bits were asked about.
+    bits: usize,
+    /// Bins with enough vertices in the poorest of all lattice classes.
+    usable_bins: usize,
+    /// Bins that a mark needs.
+    needed_bins: usize,
+    /// Vertices of the median bin, in the poorest class.
+    median_count: usize,
+    /// Vertices of the poorest bin of that class.
+    least_count: usize,
+    /// Whether a mark of this size can be tried. Whether its bins can really be moved shows in
+    /// the embedding itself.
+    markable: bool,
+    /// Expected signal of a median bin over its sampling noise, `strength sqrt(n) / sigma`, with
+    /// sigma of an even bin: what the mark has to spare against noise.
+    expected_margin: f64,
+    /// Decimal logarithm of the best false-positive bound that a mark can reach before
+    /// hypotheses are counted.
+    best_log10_fp: f64,
 }
 
 impl From<Inspected> for InspectionBody {
-    fn from(inspected: Inspected) -> Self {
+    fn from(Inspected { sha256, bytes, inspection }: Inspected) -> Self {
         Self {
-            sha256: hex::encode(inspected.sha256),
-            bytes: inspected.bytes,
-            inspection: inspected.inspection,
+            sha256: hex::encode(sha256),
+            bytes,
+            format: inspection.format,
+            vertices: inspection.vertices,
+            triangles: inspection.triangles,
+            carriers: inspection.carriers,
+            diagonal: inspection.diagonal,
+            centre: inspection.centre,
+            rho_min: inspection.rho_min,
+            rho_max: inspection.rho_max,
+            bits: inspection.bits,
+            usable_bins: inspection.usable_bins,
+            needed_bins: inspection.needed_bins,
+            median_count: inspection.median_count,
+            least_count: inspection.least_count,
+            markable: inspection.markable,
+            expected_margin: inspection.expected_margin,
+            best_log10_fp: inspection.best_log10_fp,
         }
     }
 }

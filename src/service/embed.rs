@@ -213,6 +213,29 @@ impl Service {
     ) -> Result<(), ServiceError> {
         let codeword = codeword(&self.keys, record)?;
         let mut undo = RemoveBlobs { service: self.clone(), id: Some(record.id) };
+        if let Err(error) = self.store(record, file, host, idempotency).await {
+            // Before the answer: who is told of a failure finds nothing left.
+            if let Some(id) = undo.id.take() {
+                self.remove_unregistered(id).await;
+            }
+            return Err(error);
+        }
+        undo.id = None;
+        let (service, record) = (self.clone(), record.clone());
+        // The lock may be held by a search: wait for it on a blocking thread.
+        let inserted = tokio::task::spawn_blocking(move || {
+            service.known.write().insert(&record, &codeword);
+        });
+        inserted.await.map_err(|error| ServiceError::Internal(error.to_string()))
+    }
+
+    async fn store(
+        &self,
+        record: &Record,
+        file: Option<Bytes>,
+        host: Option<Bytes>,
+        idempotency: Option<(String, [u8; 32])>,
+    ) -> Result<(), ServiceError> {
         for (kind, bytes) in [(Kind::File, file), (Kind::Host, host)] {
             if let Some(bytes) = bytes {
                 self.blobs.put(kind, record.id, bytes).await?;
@@ -225,18 +248,18 @@ impl Service {
             watermark_id: record.id,
         });
         match self.registry.register(record, entry.as_ref()).await {
-            Ok(()) => undo.id = None,
-            Err(RegistryError::IdempotencyTaken) => {
-                return Err(ServiceError::IdempotencyInProgress);
-            }
-            Err(error) => return Err(error.into()),
+            Err(RegistryError::IdempotencyTaken) => Err(ServiceError::IdempotencyInProgress),
+            other => Ok(other?),
         }
-        let (service, record) = (self.clone(), record.clone());
-        // The lock may be held by a search: wait for it on a blocking thread.
-        let inserted = tokio::task::spawn_blocking(move || {
-            service.known.write().insert(&record, &codeword);
-        });
-        inserted.await.map_err(|error| ServiceError::Internal(error.to_string()))
+    }
+
+    async fn remove_unregistered(&self, id: Uuid) {
+        // A commit whose answer was lost may have worked: then the blobs are needed.
+        if matches!(self.registry.exists(id).await, Ok(false))
+            && let Err(error) = self.blobs.remove(id).await
+        {
+            error!(%id, %error, "files of a failed request stay until the next start");
+        }
     }
 
     async fn replay(
@@ -277,8 +300,8 @@ pub(super) fn now() -> Result<Timestamp, ServiceError> {
         .map_err(|error| ServiceError::Internal(error.to_string()))
 }
 
-/// Removes a record's blobs when it is dropped, unless the record was registered. On every way
-/// out: an error, a panic, a task that is cut off.
+/// Removes a record's blobs when it is dropped before the record was registered: a panic, a task
+/// that is cut off.
 struct RemoveBlobs {
     service: Arc<Service>,
     id: Option<Uuid>,
@@ -288,13 +311,6 @@ impl Drop for RemoveBlobs {
     fn drop(&mut self) {
         let Some(id) = self.id else { return };
         let service = self.service.clone();
-        self.service.tasks.spawn(async move {
-            // A commit whose answer was lost may have worked: then the blobs are needed.
-            if matches!(service.registry.exists(id).await, Ok(false))
-                && let Err(error) = service.blobs.remove(id).await
-            {
-                error!(%id, %error, "files of a failed request stay until the next start");
-            }
-        });
+        self.service.tasks.spawn(async move { service.remove_unregistered(id).await });
     }
 }

@@ -3,8 +3,10 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod adversarial;
 mod answers;
 mod binary;
+mod broken;
 mod idempotency;
 mod marking;
 mod protocol;

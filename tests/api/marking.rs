@@ -57,6 +57,40 @@ async fn hosts_and_strangers_do_not_match() {
     assert_match(&owned, &id);
 }
 
+/// The marked file without the part of its surface beyond a plane.
+fn cropped(file: &[u8]) -> Vec<u8> {
+    let text = std::str::from_utf8(file).unwrap();
+    let vertices: Vec<f64> = text
+        .lines()
+        .filter_map(|line| line.strip_prefix("v "))
+        .map(|line| line.split(' ').next().unwrap().parse().unwrap())
+        .collect();
+    let mut sorted = vertices.clone();
+    sorted.sort_by(f64::total_cmp);
+    let plane = sorted[sorted.len() * 7 / 10];
+    let inside = |corner: &str| {
+        let number = corner.split('/').next().unwrap();
+        vertices[number.parse::<usize>().unwrap() - 1] < plane
+    };
+    let kept = |line: &&str| line.strip_prefix("f ").is_none_or(|face| face.split(' ').all(inside));
+    text.lines().filter(kept).flat_map(|line| [line, "\n"]).collect::<String>().into_bytes()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_part_is_recognised_in_place_when_its_mark_is_named() {
+    let server = Server::start().await;
+    let (id, file) = server.mark(obj(), "acme").await;
+    let part = cropped(&file);
+    let blind = server.verify(file_form(&part)).await;
+    assert_eq!(blind["verdict"], "no_match", "{blind}");
+    for (name, value) in [("watermark_id", id.as_str()), ("owner_id", "acme")] {
+        let named = server.verify(file_form(&part).text(name, value.to_owned())).await;
+        assert_eq!(named["verdict"], "match", "{named}");
+        assert_eq!(named["matches"][0]["frame"], "in_place");
+        assert_eq!(named["hypotheses"], 2);
+    }
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn glb_keeps_its_format() {
     let server = Server::start().await;

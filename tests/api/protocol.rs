@@ -17,7 +17,7 @@ async fn connect(server: &Server, head: &str) -> TcpStream {
 async fn answer(mut stream: TcpStream) -> String {
     let mut text = Vec::new();
     let read = stream.read_to_end(&mut text);
-    tokio::time::timeout(Duration::from_secs(60), read).await.unwrap().unwrap();
+    tokio::time::timeout(Duration::from_mins(1), read).await.unwrap().unwrap();
     String::from_utf8_lossy(&text).into_owned()
 }
 

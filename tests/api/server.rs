@@ -46,7 +46,7 @@ impl Server {
             };
             quadmark::http::serve_on(listener, served, stopped).await.unwrap();
         });
-        let client = reqwest::Client::builder().timeout(Duration::from_secs(120)).build().unwrap();
+        let client = reqwest::Client::builder().timeout(Duration::from_mins(2)).build().unwrap();
         Self { address, service, client, settings, directory, stop, task }
     }
 
@@ -57,6 +57,10 @@ impl Server {
         stop.send(()).unwrap();
         task.await.unwrap();
         Self::on(directory, settings).await
+    }
+
+    pub(crate) fn data(&self) -> std::path::PathBuf {
+        self.directory.path().join("data")
     }
 
     pub(crate) fn url(&self, path: &str) -> String {
@@ -94,7 +98,7 @@ impl Server {
         let page = self.get_json("/v1/watermarks").await;
         assert_eq!(page["watermarks"], Value::Array(Vec::new()), "registry after {after}");
         assert_eq!(self.service.blob_count().await.unwrap(), 0, "blobs after {after}");
-        let uploads = self.directory.path().join("data/uploads");
+        let uploads = self.data().join("uploads");
         assert_eq!(std::fs::read_dir(uploads).unwrap().count(), 0, "uploads after {after}");
     }
 }
