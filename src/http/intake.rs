@@ -164,3 +164,50 @@ async fn discard(mut rest: BodyDataStream) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use futures::stream;
+
+    const CHUNK: usize = 1 << 16;
+
+    fn endless() -> Body {
+        Body::from_stream(stream::repeat_with(|| Ok::<_, io::Error>(Bytes::from(vec![0; CHUNK]))))
+    }
+
+    /// Takes and takes, and hands nothing on.
+    async fn gather(intake: &mut Intake) -> (u64, bool) {
+        let mut bytes = 0;
+        while let Some(chunk) = intake.next().await {
+            match chunk {
+                Ok(chunk) if bytes < 100 << 20 => bytes += chunk.len() as u64,
+                Ok(_) => return (bytes, false),
+                Err(_) => return (bytes, true),
+            }
+        }
+        (bytes, false)
+    }
+
+    #[tokio::test]
+    async fn a_parser_that_hands_nothing_on_is_stopped() {
+        let (mut intake, meter) = Intake::new(endless(), u64::MAX);
+        // Pending without a waker would hang here; the throttle wakes by itself.
+        let (bytes, failed) =
+            tokio::time::timeout(Duration::from_secs(20), gather(&mut intake)).await.unwrap();
+        assert!(failed && bytes <= MOST_BACKLOG + CHUNK as u64, "{bytes}");
+        assert!(!meter.over_limit() && !meter.broken());
+    }
+
+    #[tokio::test]
+    async fn one_that_hands_on_reads_all_up_to_the_limit() {
+        let (mut intake, meter) = Intake::new(endless(), 50 << 20);
+        let mut bytes = 0;
+        while let Some(Ok(chunk)) = intake.next().await {
+            meter.deliver(chunk.len());
+            bytes += chunk.len();
+        }
+        assert_eq!(bytes, 50 << 20);
+        assert!(meter.over_limit());
+    }
+}

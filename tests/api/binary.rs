@@ -79,3 +79,40 @@ fn serves_reports_and_goes_down_in_order() {
     assert_eq!(open.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&open.stderr).contains("--insecure-listen"), "{open:?}");
 }
+
+#[test]
+fn settings_from_a_file_the_environment_and_flags() {
+    let help = program().args(["keys", "--help"]).output().unwrap();
+    if !String::from_utf8_lossy(&help.stdout).contains("rotate") {
+        eprintln!("skipped: this build of quadmark has no keys command");
+        return;
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("quadmark.toml");
+    // The key of the golden derivation; its id is pinned there.
+    let key: String = (0..32).map(|byte| format!("{byte:02x}")).collect();
+    let list = |prepare: &dyn Fn(&mut Command)| {
+        let mut command = program();
+        command.args(["keys", "list"]);
+        prepare(&mut command);
+        let output = command.output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stdout).trim().to_owned())
+    };
+    let known = (Some(0), "7f2971a5".to_owned());
+    assert_eq!(list(&|command| _ = command.env("QUADMARK_MASTER_KEY", &key)), known);
+    std::fs::write(&file, format!("master_key = \"{key}\"\nkeep_files = false\n")).unwrap();
+    assert_eq!(list(&|command| _ = command.arg("--config").arg(&file)), known);
+    assert_eq!(list(&|command| _ = command.env("QUADMARK_CONFIG", &file)), known);
+    let booleans = |command: &mut Command| {
+        command.env("QUADMARK_CONFIG", &file);
+        command.env("QUADMARK_KEEP_FILES", "true").env("QUADMARK_INSECURE_LISTEN", "true");
+        command.env("QUADMARK_LISTEN", "0.0.0.0:80").env("QUADMARK_MATCH_THRESHOLD_LOG10", "-12");
+    };
+    assert_eq!(list(&booleans), known);
+    let code = |prepare: &dyn Fn(&mut Command)| list(prepare).0;
+    assert_eq!(code(&|command| _ = command.arg("--data").arg(directory.path())), Some(2));
+    assert_eq!(code(&|command| _ = command.env("QUADMARK_WORKERS", "none")), Some(2));
+    std::fs::write(&file, "master_kee = 1").unwrap();
+    assert_eq!(code(&|command| _ = command.arg("--config").arg(&file)), Some(2));
+    assert!(!directory.path().join("master.keys").exists());
+}
