@@ -67,7 +67,7 @@ enum Command {
     Keys(Box<keys::Arguments>),
     /// Ask a running service whether it is ready.
     Health(Box<health::Arguments>),
-    /// Print the OpenAPI document.
+    /// Print the `OpenAPI` document.
     Openapi,
     /// Write a generated mesh, to try things on.
     Sample(sample::Arguments),

@@ -4,6 +4,8 @@
 //! installed. This is the only module that knows SQL. It must not know about HTTP, about files,
 //! or about keys: a record names its master key by id and holds its salt, nothing more.
 
+#[cfg(test)]
+mod contract;
 mod record;
 mod sqlite;
 mod sqlite_rows;

@@ -254,11 +254,30 @@ impl Registry for Sqlite {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::registry::sqlite_rows::sample_record;
+    use std::sync::Arc;
 
-    fn owned_by(owner_id: &str) -> Record {
-        Record { owner_id: owner_id.to_owned(), ..sample_record() }
+    use super::super::contract;
+    use super::*;
+    use crate::registry::sample_record;
+
+    #[tokio::test]
+    async fn it_keeps_the_contract() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut count = 0;
+        let mut fresh = || {
+            count += 1;
+            directory.path().join(count.to_string())
+        };
+        let registry = Sqlite::open(&fresh()).await.unwrap();
+        contract::pages_are_newest_first_and_complete(&registry).await;
+        let registry = Sqlite::open(&fresh()).await.unwrap();
+        contract::revoked_records_are_kept_but_not_live(&registry).await;
+        let registry = Sqlite::open(&fresh()).await.unwrap();
+        contract::a_taken_idempotency_key_registers_nothing(&registry).await;
+        let registry = Sqlite::open(&fresh()).await.unwrap();
+        contract::verdicts_are_kept(&registry).await;
+        let registry = Sqlite::open(&fresh()).await.unwrap();
+        contract::many_writers_at_once(Arc::new(registry)).await;
     }
 
     #[tokio::test]
@@ -300,106 +319,5 @@ mod tests {
         writer.close().await;
         drop(writer);
         assert_eq!(reader.live(None, None, 9).await.unwrap().len(), 1);
-    }
-
-    #[tokio::test]
-    async fn pages_are_newest_first_and_complete() {
-        let directory = tempfile::tempdir().unwrap();
-        let registry = Sqlite::open(directory.path()).await.unwrap();
-        let mut ids = Vec::new();
-        for index in 0..7 {
-            let record = owned_by(if index % 2 == 0 { "acme" } else { "other" });
-            registry.register(&record, None).await.unwrap();
-            ids.push(record.id);
-        }
-        ids.reverse();
-        for (owner_id, limit) in [(None, 1), (None, 3), (None, 7), (Some("acme"), 2)] {
-            let filter = Filter { owner_id: owner_id.map(str::to_owned), recipient: None };
-            let (mut seen, mut after) = (Vec::new(), None);
-            loop {
-                let page = registry.page(&filter, after, limit).await.unwrap();
-                seen.extend(page.records.iter().map(|record| record.id));
-                after = page.next;
-                if after.is_none() {
-                    break;
-                }
-            }
-            let expected: Vec<_> = match owner_id {
-                None => ids.clone(),
-                Some(_) => ids.iter().copied().step_by(2).collect(),
-            };
-            assert_eq!(seen, expected, "{owner_id:?} {limit}");
-        }
-        let nobody = Filter { recipient: Some("nobody".to_owned()), ..Filter::default() };
-        assert!(registry.page(&nobody, None, 5).await.unwrap().records.is_empty());
-    }
-
-    #[tokio::test]
-    async fn revoked_records_are_kept_but_not_live() {
-        let directory = tempfile::tempdir().unwrap();
-        let registry = Sqlite::open(directory.path()).await.unwrap();
-        let (first, second) = (owned_by("acme"), owned_by("other"));
-        registry.register(&first, None).await.unwrap();
-        registry.register(&second, None).await.unwrap();
-        assert_eq!(registry.live(None, None, 9).await.unwrap().len(), 2);
-        assert_eq!(registry.live(Some("acme"), None, 9).await.unwrap().len(), 1);
-        let at = Timestamp::from_microsecond(1_800_000_000_000_000).unwrap();
-        let revoked = registry.revoke(first.id, at).await.unwrap().unwrap();
-        assert_eq!(revoked.revoked_at, Some(at));
-        let again = registry.revoke(first.id, Timestamp::now()).await.unwrap().unwrap();
-        assert_eq!(again.revoked_at, Some(at), "the first revocation stands");
-        let live = registry.live(None, None, 9).await.unwrap();
-        assert_eq!(live.iter().map(|record| record.id).collect::<Vec<_>>(), [second.id]);
-        assert!(registry.live(None, Some(second.id), 9).await.unwrap().is_empty());
-        assert!(registry.revoke(Uuid::now_v7(), at).await.unwrap().is_none());
-    }
-
-    #[tokio::test]
-    async fn a_taken_idempotency_key_registers_nothing() {
-        let directory = tempfile::tempdir().unwrap();
-        let registry = Sqlite::open(directory.path()).await.unwrap();
-        let entry = |record: &Record| IdempotencyEntry {
-            owner_id: record.owner_id.clone(),
-            key: "retry-1".to_owned(),
-            fingerprint: [3; 32],
-            watermark_id: record.id,
-        };
-        let (first, second) = (owned_by("acme"), owned_by("acme"));
-        registry.register(&first, Some(&entry(&first))).await.unwrap();
-        let error = registry.register(&second, Some(&entry(&second))).await.unwrap_err();
-        assert!(matches!(error, RegistryError::IdempotencyTaken), "{error}");
-        assert!(!registry.exists(second.id).await.unwrap());
-        let found = registry.idempotency("acme", "retry-1").await.unwrap();
-        assert_eq!(found, Some(entry(&first)));
-        assert_eq!(registry.idempotency("other", "retry-1").await.unwrap(), None);
-    }
-
-    #[tokio::test]
-    async fn verdicts_are_kept() {
-        let directory = tempfile::tempdir().unwrap();
-        let registry = Sqlite::open(directory.path()).await.unwrap();
-        let verification = StoredVerification {
-            id: Uuid::now_v7(),
-            created_at: Timestamp::from_microsecond(1_800_000_000_000_000).unwrap(),
-            answer: serde_json::json!({ "verdict": "match", "log10_fp": -17.25 }),
-        };
-        registry.keep_verification(&verification).await.unwrap();
-        assert_eq!(registry.verification(verification.id).await.unwrap(), Some(verification));
-        assert_eq!(registry.verification(Uuid::now_v7()).await.unwrap(), None);
-    }
-
-    #[tokio::test]
-    async fn many_writers_at_once() {
-        let directory = tempfile::tempdir().unwrap();
-        let registry = std::sync::Arc::new(Sqlite::open(directory.path()).await.unwrap());
-        let mut tasks = tokio::task::JoinSet::new();
-        for _ in 0..40 {
-            let registry = registry.clone();
-            tasks.spawn(async move { registry.register(&sample_record(), None).await });
-        }
-        while let Some(done) = tasks.join_next().await {
-            done.unwrap().unwrap();
-        }
-        assert_eq!(registry.live(None, None, 100).await.unwrap().len(), 40);
     }
 }

@@ -9,16 +9,15 @@ use std::sync::Arc;
 use bytes::Bytes;
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
-use tracing::error;
 use uuid::Uuid;
 
-use super::known::{codeword, mark_key};
+use super::known::mark_key;
 use super::{Service, ServiceError, Spooled, Text, idempotency};
 use crate::blobs::{Kind, geometry};
 use crate::formats::Format;
 use crate::keys::random_bytes;
 use crate::marking::{MarkRequest, Marked, mark};
-use crate::registry::{IdempotencyEntry, Record, RegistryError};
+use crate::registry::Record;
 use crate::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength};
 
 /// The scheme that this release embeds.
@@ -202,66 +201,6 @@ impl Service {
         .await
     }
 
-    /// Blobs, then the registry, then the index: a record exists if and only if its file could be
-    /// handed out.
-    async fn register(
-        self: &Arc<Self>,
-        record: &Record,
-        file: Option<Bytes>,
-        host: Option<Bytes>,
-        idempotency: Option<(String, [u8; 32])>,
-    ) -> Result<(), ServiceError> {
-        let codeword = codeword(&self.keys, record)?;
-        let mut undo = RemoveBlobs { service: self.clone(), id: Some(record.id) };
-        if let Err(error) = self.store(record, file, host, idempotency).await {
-            // Before the answer: who is told of a failure finds nothing left.
-            if let Some(id) = undo.id.take() {
-                self.remove_unregistered(id).await;
-            }
-            return Err(error);
-        }
-        undo.id = None;
-        let (service, record) = (self.clone(), record.clone());
-        // The lock may be held by a search: wait for it on a blocking thread.
-        let inserted = tokio::task::spawn_blocking(move || {
-            service.known.write().insert(&record, &codeword);
-        });
-        inserted.await.map_err(|error| ServiceError::Internal(error.to_string()))
-    }
-
-    async fn store(
-        &self,
-        record: &Record,
-        file: Option<Bytes>,
-        host: Option<Bytes>,
-        idempotency: Option<(String, [u8; 32])>,
-    ) -> Result<(), ServiceError> {
-        for (kind, bytes) in [(Kind::File, file), (Kind::Host, host)] {
-            if let Some(bytes) = bytes {
-                self.blobs.put(kind, record.id, bytes).await?;
-            }
-        }
-        let entry = idempotency.map(|(key, fingerprint)| IdempotencyEntry {
-            owner_id: record.owner_id.clone(),
-            key,
-            fingerprint,
-            watermark_id: record.id,
-        });
-        match self.registry.register(record, entry.as_ref()).await {
-            Err(RegistryError::IdempotencyTaken) => Err(ServiceError::IdempotencyInProgress),
-            other => Ok(other?),
-        }
-    }
-
-    async fn remove_unregistered(&self, id: Uuid) {
-        // A commit whose answer was lost may have worked: then the blobs are needed.
-        if matches!(self.registry.exists(id).await, Ok(false))
-            && let Err(error) = self.blobs.remove(id).await
-        {
-            error!(%id, %error, "files of a failed request stay until the next start");
-        }
-    }
-
     async fn replay(
         self: &Arc<Self>,
         request: EmbedRequest,
@@ -298,19 +237,4 @@ fn random_message(bits: BitCount) -> Result<Message, ServiceError> {
 pub(super) fn now() -> Result<Timestamp, ServiceError> {
     Timestamp::from_microsecond(Timestamp::now().as_microsecond())
         .map_err(|error| ServiceError::Internal(error.to_string()))
-}
-
-/// Removes a record's blobs when it is dropped before the record was registered: a panic, a task
-/// that is cut off.
-struct RemoveBlobs {
-    service: Arc<Service>,
-    id: Option<Uuid>,
-}
-
-impl Drop for RemoveBlobs {
-    fn drop(&mut self) {
-        let Some(id) = self.id else { return };
-        let service = self.service.clone();
-        self.service.tasks.spawn(async move { service.remove_unregistered(id).await });
-    }
 }

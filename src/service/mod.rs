@@ -9,8 +9,10 @@ mod idempotency;
 mod inspect;
 mod known;
 mod records;
+mod register;
 mod spool;
 mod text;
+mod verdict;
 mod verify;
 
 use std::path::PathBuf;
@@ -32,7 +34,8 @@ pub use inspect::Inspected;
 pub use records::MarkedFile;
 pub use spool::{Spool, Spooled};
 pub use text::Text;
-pub use verify::{FileFacts, FrameName, Match, Verdict, Verification, VerifyRequest};
+pub use verdict::{FileFacts, FrameName, Match, Verdict, Verification};
+pub use verify::VerifyRequest;
 
 /// Records read from the registry at a time.
 const BATCH: u32 = 5_000;

@@ -90,7 +90,7 @@ fn settings_from_a_file_the_environment_and_flags() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("quadmark.toml");
     // The key of the golden derivation; its id is pinned there.
-    let key: String = (0..32).map(|byte| format!("{byte:02x}")).collect();
+    let key = hex::encode(std::array::from_fn::<u8, 32, _>(|byte| u8::try_from(byte).unwrap()));
     let list = |prepare: &dyn Fn(&mut Command)| {
         let mut command = program();
         command.args(["keys", "list"]);

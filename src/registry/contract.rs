@@ -1,0 +1,100 @@
+//! What every registry must do, whichever database is behind it: one function per promise, run
+//! by the tests of each implementation.
+
+use std::sync::Arc;
+
+use jiff::Timestamp;
+use uuid::Uuid;
+
+use super::sqlite_rows::sample_record;
+use super::{Filter, IdempotencyEntry, Record, Registry, RegistryError, StoredVerification};
+
+fn owned_by(owner_id: &str) -> Record {
+    Record { owner_id: owner_id.to_owned(), ..sample_record() }
+}
+
+pub(super) async fn pages_are_newest_first_and_complete(registry: &dyn Registry) {
+    let mut ids = Vec::new();
+    for index in 0..7 {
+        let record = owned_by(if index % 2 == 0 { "acme" } else { "other" });
+        registry.register(&record, None).await.unwrap();
+        ids.push(record.id);
+    }
+    ids.reverse();
+    for (owner_id, limit) in [(None, 1), (None, 3), (None, 7), (Some("acme"), 2)] {
+        let filter = Filter { owner_id: owner_id.map(str::to_owned), recipient: None };
+        let (mut seen, mut after) = (Vec::new(), None);
+        loop {
+            let page = registry.page(&filter, after, limit).await.unwrap();
+            seen.extend(page.records.iter().map(|record| record.id));
+            after = page.next;
+            if after.is_none() {
+                break;
+            }
+        }
+        let expected: Vec<_> = match owner_id {
+            None => ids.clone(),
+            Some(_) => ids.iter().copied().step_by(2).collect(),
+        };
+        assert_eq!(seen, expected, "{owner_id:?} {limit}");
+    }
+    let nobody = Filter { recipient: Some("nobody".to_owned()), ..Filter::default() };
+    assert!(registry.page(&nobody, None, 5).await.unwrap().records.is_empty());
+}
+
+pub(super) async fn revoked_records_are_kept_but_not_live(registry: &dyn Registry) {
+    let (first, second) = (owned_by("acme"), owned_by("other"));
+    registry.register(&first, None).await.unwrap();
+    registry.register(&second, None).await.unwrap();
+    assert_eq!(registry.live(None, None, 9).await.unwrap().len(), 2);
+    assert_eq!(registry.live(Some("acme"), None, 9).await.unwrap().len(), 1);
+    let at = Timestamp::from_microsecond(1_800_000_000_000_000).unwrap();
+    let revoked = registry.revoke(first.id, at).await.unwrap().unwrap();
+    assert_eq!(revoked.revoked_at, Some(at));
+    let again = registry.revoke(first.id, Timestamp::now()).await.unwrap().unwrap();
+    assert_eq!(again.revoked_at, Some(at), "the first revocation stands");
+    let live = registry.live(None, None, 9).await.unwrap();
+    assert_eq!(live.iter().map(|record| record.id).collect::<Vec<_>>(), [second.id]);
+    assert!(registry.live(None, Some(second.id), 9).await.unwrap().is_empty());
+    assert!(registry.revoke(Uuid::now_v7(), at).await.unwrap().is_none());
+}
+
+pub(super) async fn a_taken_idempotency_key_registers_nothing(registry: &dyn Registry) {
+    let entry = |record: &Record| IdempotencyEntry {
+        owner_id: record.owner_id.clone(),
+        key: "retry-1".to_owned(),
+        fingerprint: [3; 32],
+        watermark_id: record.id,
+    };
+    let (first, second) = (owned_by("acme"), owned_by("acme"));
+    registry.register(&first, Some(&entry(&first))).await.unwrap();
+    let error = registry.register(&second, Some(&entry(&second))).await.unwrap_err();
+    assert!(matches!(error, RegistryError::IdempotencyTaken), "{error}");
+    assert!(!registry.exists(second.id).await.unwrap());
+    let found = registry.idempotency("acme", "retry-1").await.unwrap();
+    assert_eq!(found, Some(entry(&first)));
+    assert_eq!(registry.idempotency("other", "retry-1").await.unwrap(), None);
+}
+
+pub(super) async fn verdicts_are_kept(registry: &dyn Registry) {
+    let verification = StoredVerification {
+        id: Uuid::now_v7(),
+        created_at: Timestamp::from_microsecond(1_800_000_000_000_000).unwrap(),
+        answer: serde_json::json!({ "verdict": "match", "log10_fp": -17.25 }),
+    };
+    registry.keep_verification(&verification).await.unwrap();
+    assert_eq!(registry.verification(verification.id).await.unwrap(), Some(verification));
+    assert_eq!(registry.verification(Uuid::now_v7()).await.unwrap(), None);
+}
+
+pub(super) async fn many_writers_at_once(registry: Arc<dyn Registry>) {
+    let mut tasks = tokio::task::JoinSet::new();
+    for _ in 0..40 {
+        let registry = registry.clone();
+        tasks.spawn(async move { registry.register(&sample_record(), None).await });
+    }
+    while let Some(done) = tasks.join_next().await {
+        done.unwrap().unwrap();
+    }
+    assert_eq!(registry.live(None, None, 100).await.unwrap().len(), 40);
+}
