@@ -147,7 +147,8 @@ pub(super) struct EmbedForm {
     recipient: Option<String>,
     /// Free text: 1 to 256 characters.
     label: Option<String>,
-    /// `cho-mean`, `cho-var`, `qsp-mean` (default) or `qsp-var`.
+    /// `cho-mean`, `cho-var`, `qsp-mean`, `qsp-var`, `exact-mean` or `exact-var`; see the service's
+    /// documentation for what each is good at.
     method: Option<String>,
     /// 0.01 to 0.25; 0.1 by default.
     strength: Option<f64>,
