@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3};
 
 use crate::mesh::quadric::Quadric;
 
-/// The `lambda` of the objective: the share of the plain squared displacement. It picks the
+/// The usual `lambda` of the objective: the share of the plain squared displacement. It picks the
 /// nearest of otherwise equal points on a flat surface.
 pub const LAMBDA: f64 = 0.01;
 
@@ -24,8 +24,8 @@ const TOLERANCE: f64 = 1e-13;
 
 /// `B = A + lambda tr(A) I`.
 #[must_use]
-pub fn stiffness(quadric: &Quadric) -> DMat3 {
-    quadric.matrix() + DMat3::from_diagonal(DVec3::splat(LAMBDA * quadric.trace()))
+pub fn stiffness(quadric: &Quadric, lambda: f64) -> DMat3 {
+    quadric.matrix() + DMat3::from_diagonal(DVec3::splat(lambda * quadric.trace()))
 }
 
 /// The point at distance `new_rho` from the origin that minimises `(x - p)^T B (x - p)`, for a

@@ -6,7 +6,8 @@ use rayon::prelude::*;
 use super::allocation::{Allocation, Freedom};
 use super::bins::{Frame, Lattice, contribution, norms};
 use super::budget::margins;
-use super::compliance::{Compliance, compliances};
+use super::compliance::{Compliance, Pliancy, pliancies};
+use super::exact::LAMBDA;
 use super::extract::Reading;
 use super::placement::{PlacementSurface, radial};
 use super::power_map::power_map;
@@ -26,6 +27,9 @@ const TARGET_RANGE: (f64, f64) = (0.04, 0.96);
 
 /// How often a bin whose vertices cannot reach its target within their reach is widened.
 const MOST_WIDENINGS: u32 = 8;
+
+/// By how much plain displacement is penalised more at each widening.
+const STIFFENING: f64 = 4.0;
 
 /// By how much a vertex of a triangle that was turned over is held back.
 const HOLD: f64 = 0.5;
@@ -78,9 +82,19 @@ pub struct Passes<'a> {
     params: &'a EmbedParams,
     placement: Option<PlacementSurface<'a>>,
     /// Per carrier, for allocation.
-    compliances: Vec<Compliance>,
+    pliancies: Vec<Pliancy>,
     /// Per carrier, whether it cannot move.
     fixed: Vec<bool>,
+}
+
+/// What the bins were given.
+struct Modulated {
+    /// Per carrier its new norm.
+    norms: Vec<f64>,
+    /// Per carrier the `lambda` to place it with; empty when it is the usual one for all.
+    lambdas: Vec<f64>,
+    /// Per bin the margin it was meant to have.
+    wanted: Vec<f64>,
 }
 
 impl<'a> Passes<'a> {
@@ -91,8 +105,8 @@ impl<'a> Passes<'a> {
             Placement::Radial => None,
             Placement::Qsp | Placement::Exact => Some(PlacementSurface::new(host.surface)),
         };
-        let compliances = match (&placement, params.method.shaping()) {
-            (Some(prepared), Shaping::Allocation) => compliances(
+        let pliancies = match (&placement, params.method.shaping()) {
+            (Some(prepared), Shaping::Allocation) => pliancies(
                 host.surface,
                 &prepared.adjacency,
                 &prepared.quadrics,
@@ -108,7 +122,7 @@ impl<'a> Passes<'a> {
                 *fixed = true;
             }
         }
-        Self { host, codeword, params, placement, compliances, fixed }
+        Self { host, codeword, params, placement, pliancies, fixed }
     }
 
     /// What a blind reader sees of carriers with these `norms` about `centre`.
@@ -130,7 +144,7 @@ impl<'a> Passes<'a> {
         let bits = self.codeword.bit_count();
         let lattice = Lattice::new(&frame, self.codeword.lattice_class(), bits)
             .ok_or(WatermarkError::NoRadialExtent { vertices: rho.len() })?;
-        let (new_rho, wanted) = self.modulate(&rho, &lattice, state);
+        let Modulated { norms: new_rho, lambdas, wanted } = self.modulate(&rho, &lattice, state);
         let place = |carrier: usize, v: DVec3| {
             let (rho, new_rho) = (rho[carrier], new_rho[carrier]);
             if rho.to_bits() == new_rho.to_bits() {
@@ -139,7 +153,10 @@ impl<'a> Passes<'a> {
             match &self.placement {
                 None => radial(centre, v, rho, new_rho),
                 Some(placement) => match self.params.method.placement() {
-                    Placement::Exact => placement.exact(centre, carrier, rho, new_rho),
+                    Placement::Exact => {
+                        let lambda = lambdas.get(carrier).copied().unwrap_or(LAMBDA);
+                        placement.exact(centre, carrier, rho, new_rho, lambda)
+                    }
                     _ => placement.qsp(centre, carrier, rho, new_rho),
                 },
             }
@@ -163,10 +180,9 @@ impl<'a> Passes<'a> {
         Ok(Passed { positions, wanted })
     }
 
-    /// New norms, and the margin that each bin was meant to have: each bin's statistic is moved
-    /// to its goal on the side of its bit. In the closed loop a bin that is already beyond its
+    /// New norms: each bin's statistic is moved to its goal on the side of its bit. In the closed loop a bin that is already beyond its
     /// goal on the right side is left alone.
-    fn modulate(&self, rho: &[f64], lattice: &Lattice, state: &mut State) -> (Vec<f64>, Vec<f64>) {
+    fn modulate(&self, rho: &[f64], lattice: &Lattice, state: &mut State) -> Modulated {
         let sorted = SortedByBin::new(rho, lattice, &self.fixed, &state.memory);
         if self.params.closed_loop {
             state.memory.keep(&sorted, rho.len());
@@ -177,27 +193,30 @@ impl<'a> Passes<'a> {
             Shaping::Allocation => self.budget(&sorted, lattice, state),
         };
         let (mut places, mut logs) = (sorted.places.clone(), vec![0.0; sorted.places.len()]);
-        let moved: Vec<bool> = sorted
+        let lambdas: Vec<Option<f64>> = sorted
             .slices(&mut places, &mut logs)
             .into_par_iter()
             .with_max_len(1)
             .map(|slice| {
                 let correction = state.corrections.get(slice.bin).copied().unwrap_or(0.0);
                 let goal = wanted[slice.bin] + correction;
-                let Some(target) = self.target(&slice, goal) else { return false };
+                let target = self.target(&slice, goal)?;
                 match self.params.method.shaping() {
                     Shaping::PowerMap => {
                         let modulation = self.params.method.modulation();
                         power_map(modulation, slice.places, slice.logs, target);
+                        Some(LAMBDA)
                     }
                     Shaping::Allocation => {
-                        self.allocate(&sorted, &freedoms, slice, target);
+                        let circumstances = (lattice, &*state);
+                        Some(self.allocate(&sorted, &freedoms, slice, target, circumstances))
                     }
                 }
-                true
             })
             .collect();
-        (self.new_norms(rho, lattice, &sorted, &places, &moved), wanted)
+        let norms = self.new_norms(rho, lattice, &sorted, &places, &lambdas);
+        let lambdas = self.lambdas_of_carriers(&sorted, &lambdas, rho.len());
+        Modulated { norms, lambdas, wanted }
     }
 
     /// The statistic that a bin must be moved to; `None` when it may stay.
@@ -213,21 +232,43 @@ impl<'a> Passes<'a> {
         (!stays).then(|| (modulation.neutral() + signed).clamp(low, high))
     }
 
+    /// Per carrier the `lambda` of its bin; empty when all bins have the usual one.
+    fn lambdas_of_carriers(
+        &self,
+        sorted: &SortedByBin,
+        lambdas: &[Option<f64>],
+        carriers: usize,
+    ) -> Vec<f64> {
+        let unusual = |lambda: &Option<f64>| lambda.filter(|&lambda| lambda > LAMBDA);
+        if !lambdas.iter().any(|lambda| unusual(lambda).is_some()) {
+            return Vec::new();
+        }
+        let mut of = vec![LAMBDA; carriers];
+        for (bin, lambda) in lambdas.iter().enumerate() {
+            if let Some(lambda) = unusual(lambda) {
+                for &carrier in &sorted.carriers[sorted.range(bin)] {
+                    of[carrier as usize] = lambda;
+                }
+            }
+        }
+        of
+    }
+
     fn new_norms(
         &self,
         rho: &[f64],
         lattice: &Lattice,
         sorted: &SortedByBin,
         places: &[f64],
-        moved: &[bool],
+        lambdas: &[Option<f64>],
     ) -> Vec<f64> {
         let edge = if self.params.closed_loop { EDGE } else { 0.0 };
         let power_map = self.params.method.shaping() == Shaping::PowerMap;
         let mut new_rho = rho.to_vec();
-        for (bin, &moved) in moved.iter().enumerate() {
+        for (bin, lambda) in lambdas.iter().enumerate() {
             for k in sorted.range(bin) {
                 let (t, strayed) = (places[k], sorted.strayed[k]);
-                if strayed || (moved && (power_map || t != sorted.places[k])) {
+                if strayed || (lambda.is_some() && (power_map || t != sorted.places[k])) {
                     // The allocation's own ranges keep clear of the edges.
                     let keep = if power_map || strayed { edge } else { 0.0 };
                     let place = t.clamp(keep, 1.0 - keep);
@@ -266,13 +307,22 @@ impl<'a> Passes<'a> {
 
     /// What each sorted carrier may do, within its reach and clear of its bin's edges.
     fn freedoms(&self, sorted: &SortedByBin, lattice: &Lattice, state: &State) -> Vec<Freedom> {
-        let freedom = |(&carrier, &t): (&u32, &f64)| {
-            let Compliance { compliance, reach } = self.compliances[carrier as usize];
-            let held = state.hold.get(carrier as usize).copied().unwrap_or(1.0);
-            let reach = held * reach / lattice.width;
-            Freedom::new(compliance, t, reach)
-        };
+        let freedom =
+            |(&carrier, &t): (&u32, &f64)| self.freedom(carrier, t, LAMBDA, lattice, state);
         sorted.carriers.par_iter().zip(&sorted.places).with_min_len(4096).map(freedom).collect()
+    }
+
+    fn freedom(
+        &self,
+        carrier: u32,
+        t: f64,
+        lambda: f64,
+        lattice: &Lattice,
+        state: &State,
+    ) -> Freedom {
+        let Compliance { compliance, reach } = self.pliancies[carrier as usize].at(lambda);
+        let held = state.hold.get(carrier as usize).copied().unwrap_or(1.0);
+        Freedom::new(compliance, t, held * reach / lattice.width)
     }
 
     fn allocation<'s>(
@@ -286,34 +336,43 @@ impl<'a> Passes<'a> {
         Allocation { modulation, places: &sorted.places[range.clone()], freedoms: &freedoms[range] }
     }
 
-    /// Allocates within each vertex's reach; where the target lies beyond what the bin's vertices
-    /// reach together, they are let go further, twice as far at a time, and ever more alike:
-    /// neighbours that move together turn no triangle over, however far they go.
+    /// Allocates within each vertex's reach. Where the target lies beyond what the bin's vertices
+    /// reach together, they are let go further and plain displacement is penalised more, step by
+    /// step: moves become shorter for the same change of the norm and more alike among
+    /// neighbours, which turns no triangle over, however far they go. Returns the `lambda` with
+    /// which the bin's vertices are to be placed.
     fn allocate(
         &self,
         sorted: &SortedByBin,
         freedoms: &[Freedom],
         slice: BinSlice<'_>,
         target: f64,
-    ) {
+        (lattice, state): (&Lattice, &State),
+    ) -> f64 {
         let narrow = self.allocation(sorted, freedoms, slice.bin);
         let solution = narrow.solve(target);
         narrow.apply(solution.multiplier, slice.places);
         if solution.reached {
-            return;
+            return LAMBDA;
         }
-        let mut wide = narrow.freedoms.to_vec();
+        let carriers = &sorted.carriers[sorted.range(slice.bin)];
+        let (mut lambda, mut further) = (LAMBDA, 1.0);
         for _ in 0..MOST_WIDENINGS {
-            for (freedom, &t) in wide.iter_mut().zip(narrow.places) {
-                *freedom = Freedom::new(freedom.compliance.sqrt(), t, 2.0 * freedom.reach);
-            }
+            lambda *= STIFFENING;
+            further *= 2.0;
+            let wide = carriers.iter().zip(narrow.places).map(|(&carrier, &t)| {
+                let freedom = self.freedom(carrier, t, lambda, lattice, state);
+                Freedom::new(freedom.compliance, t, further * freedom.reach)
+            });
+            let wide: Vec<Freedom> = wide.collect();
             let problem = Allocation { freedoms: &wide, ..narrow };
             let solution = problem.solve(target);
             problem.apply(solution.multiplier, slice.places);
             if solution.reached {
-                return;
+                break;
             }
         }
+        lambda
     }
 
     /// Triangles that the result turned over; their corners are held back from now on.

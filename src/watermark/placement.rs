@@ -76,11 +76,19 @@ impl<'a> PlacementSurface<'a> {
         best.1
     }
 
-    /// Exact placement of carrier `vertex` at distance `new_rho` from `centre`.
+    /// Exact placement of carrier `vertex` at distance `new_rho` from `centre`, with plain
+    /// displacement penalised by `lambda`.
     #[must_use]
-    pub fn exact(&self, centre: DVec3, vertex: usize, rho: f64, new_rho: f64) -> DVec3 {
+    pub fn exact(
+        &self,
+        centre: DVec3,
+        vertex: usize,
+        rho: f64,
+        new_rho: f64,
+        lambda: f64,
+    ) -> DVec3 {
         let from_centre = self.surface.positions[vertex] - centre;
-        match on_sphere(stiffness(&self.quadrics[vertex]), from_centre, new_rho) {
+        match on_sphere(stiffness(&self.quadrics[vertex], lambda), from_centre, new_rho) {
             Some(placed) => centre + placed,
             None => self.qsp(centre, vertex, rho, new_rho),
         }
@@ -165,6 +173,7 @@ fn closest_to_origin([a, b, c]: [DVec3; 3]) -> DVec3 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::exact::LAMBDA;
     use super::*;
     use crate::mesh::Mesh;
 
@@ -217,9 +226,9 @@ mod tests {
     fn no_candidate_of_qsp_beats_the_exact_place() {
         for (surface, rho, new_rho) in cases() {
             let prepared = PlacementSurface::new(&surface);
-            let (v, b) = (surface.positions[0], stiffness(&prepared.quadrics[0]));
+            let (v, b) = (surface.positions[0], stiffness(&prepared.quadrics[0], LAMBDA));
             let cost = |x: DVec3| (x - v).dot(b * (x - v));
-            let exact = prepared.exact(DVec3::ZERO, 0, rho, new_rho);
+            let exact = prepared.exact(DVec3::ZERO, 0, rho, new_rho, LAMBDA);
             assert!((exact.length() - new_rho).abs() < 1e-12);
             let others =
                 [prepared.qsp(DVec3::ZERO, 0, rho, new_rho), radial(DVec3::ZERO, v, rho, new_rho)];
