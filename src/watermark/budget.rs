@@ -11,11 +11,11 @@ use rayon::prelude::*;
 use super::allocation::Allocation;
 
 /// The price at which a bin stops, as a multiple of the median bin's at full strength.
-const DEAREST: f64 = 3.0;
+const DEAREST: f64 = 2.0;
 
-/// Bounds of a bin's margin, as multiples of the strength. The lower one still is three times
+/// Bounds of a bin's margin, as multiples of the strength. The lower one still is two and a half times
 /// what counts as readable.
-const RANGE: (f64, f64) = (0.3, 1.25);
+const RANGE: (f64, f64) = (0.25, 1.25);
 
 /// The margin that each bin is to have; their mean is `strength` as far as the bounds allow.
 /// `None` when more than half of the bins that must move cannot reach `strength` at any price.

@@ -107,11 +107,6 @@ pub fn embed(
         let rank = (wrong, flipped, -fulfilled);
         let better = best_rank.is_none_or(|best| rank < best);
         let settled = wrong == 0 && flipped == 0 && fulfilled >= CLOSE_ENOUGH;
-        if std::env::var_os("QM_DEBUG").is_some() {
-            eprintln!(
-                "round {rounds} usable {usable_bins} wrong {wrong} margin {smallest_margin:.5} ful {fulfilled:.4} flipped {flipped} shift/w {shift:.5}"
-            );
-        }
         if better || settled {
             best = Some(round);
             best_rank = Some(rank);

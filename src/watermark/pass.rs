@@ -26,10 +26,10 @@ const EDGE: f64 = 0.02;
 const TARGET_RANGE: (f64, f64) = (0.04, 0.96);
 
 /// How often a bin whose vertices cannot reach its target within their reach is widened.
-const MOST_WIDENINGS: u32 = 8;
+const MOST_WIDENINGS: u32 = 10;
 
 /// By how much plain displacement is penalised more at each widening.
-const STIFFENING: f64 = 4.0;
+const STIFFENING: f64 = 2.0;
 
 /// By how much a vertex of a triangle that was turned over is held back.
 const HOLD: f64 = 0.5;
