@@ -1,0 +1,225 @@
+//! The import lines of the design: who may see whom, and which library stays where. Written down
+//! in ARCHITECTURE.md; held here, by a reading of the sources.
+#![expect(clippy::unwrap_used, reason = "test helpers")]
+
+mod support;
+
+use std::fs;
+use std::path::Path;
+
+use support::{files_below, has_extension};
+
+/// Per module (a file or folder of `src`), the modules it may name. Missing: all.
+const MAY_SEE: &[(&str, &[&str])] = &[
+    ("mesh", &[]),
+    ("watermark", &["mesh"]),
+    ("formats", &["mesh"]),
+    ("sample", &["mesh"]),
+    ("marking", &["formats", "watermark", "mesh"]),
+    ("config", &["formats"]),
+    ("keys", &["config", "watermark"]),
+    ("registry", &["watermark", "formats"]),
+    ("blobs", &["mesh"]),
+    ("jobs", &[]),
+    (
+        "service",
+        &[
+            "blobs", "config", "formats", "jobs", "keys", "marking", "mesh", "registry",
+            "watermark",
+        ],
+    ),
+    ("lab", &["formats", "watermark", "mesh", "marking"]),
+];
+
+/// Per library, the only places of `src` that may name it.
+const ONLY_IN: &[(&str, &[&str])] = &[
+    ("axum", &["http"]),
+    ("tower", &["http"]),
+    ("tower_http", &["http"]),
+    ("utoipa", &["http"]),
+    ("sqlx", &["registry"]),
+    ("gltf", &["formats"]),
+    ("tobj", &["formats"]),
+    ("object_store", &["blobs"]),
+    ("rand_chacha", &["watermark/codeword"]),
+    ("hkdf", &["keys"]),
+    ("parry3d_f64", &["mesh"]),
+];
+
+/// Words that have no place in a pure module.
+const IMPURE: &[&str] =
+    &["std::fs", "std::net", "std::time", "std::env", "tokio", "async fn", "getrandom", "tracing"];
+const PURE: &[&str] = &["mesh", "watermark", "marking", "sample", "formats"];
+
+/// Code alone: without comments, texts and tests (which may use samples and libraries freely).
+fn code_of(source: &str) -> String {
+    let source = source.split("\n#[cfg(test)]\nmod ").next().unwrap_or_default();
+    let mut code = String::with_capacity(source.len());
+    let mut rest = source.chars().peekable();
+    while let Some(letter) = rest.next() {
+        match letter {
+            '/' if rest.peek() == Some(&'/') => {
+                rest.by_ref().find(|&letter| letter == '\n');
+                code.push('\n');
+            }
+            // A quoted quote ('"') is a character, not the start of a text.
+            '"' if !code.ends_with('\'') => {
+                while let Some(inside) = rest.next() {
+                    match inside {
+                        '\\' => drop(rest.next()),
+                        '"' => break,
+                        _ => {}
+                    }
+                }
+                code.push_str("\"\"");
+            }
+            _ => code.push(letter),
+        }
+    }
+    code
+}
+
+/// Whether `word` stands in `code` as a whole path, followed by `after`.
+fn names(code: &str, word: &str, after: &str) -> bool {
+    let is_name = |letter: char| letter.is_alphanumeric() || letter == '_';
+    code.match_indices(&format!("{word}{after}")).any(|(at, _)| {
+        let before = code[..at].chars().next_back();
+        // `formats::gltf::` and `self::gltf::` are modules of ours, not the library.
+        !before.is_some_and(|letter| is_name(letter) || letter == ':')
+    })
+}
+
+/// The modules of this crate that a file names: `crate::x` and every x of `crate::{x, y::z}`.
+fn seen_modules(code: &str, root: &str) -> Vec<String> {
+    let mut seen = Vec::new();
+    for (at, prefix) in code.match_indices(&format!("{root}::")) {
+        if code[..at].ends_with(|letter: char| letter.is_alphanumeric() || letter == '_') {
+            continue;
+        }
+        let rest = &code[at + prefix.len()..];
+        let Some(group) = rest.strip_prefix('{') else {
+            seen.push(first_name(rest));
+            continue;
+        };
+        let mut depth = 0_i32;
+        let mut start = 0;
+        for (at, letter) in group.char_indices() {
+            match letter {
+                '{' => depth += 1,
+                '}' if depth > 0 => depth -= 1,
+                ',' | '}' if depth == 0 => {
+                    seen.push(first_name(group[start..at].trim()));
+                    start = at + 1;
+                    if letter == '}' {
+                        break;
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+    seen.retain(|name| !name.is_empty());
+    seen
+}
+
+fn first_name(path: &str) -> String {
+    path.chars().take_while(|letter| letter.is_alphanumeric() || *letter == '_').collect()
+}
+
+/// What is wrong with one file of `src`, named by its path without `src/`.
+fn faults(path: &str, source: &str) -> Vec<String> {
+    let module = path.split('/').next().unwrap_or(path).trim_end_matches(".rs");
+    let code = code_of(source);
+    let mut faults = Vec::new();
+    if let Some((_, allowed)) = MAY_SEE.iter().find(|(name, _)| *name == module) {
+        for seen in seen_modules(&code, "crate") {
+            if seen != module && !allowed.contains(&seen.as_str()) {
+                faults.push(format!("{path}: {module} may not see {seen}"));
+            }
+        }
+    }
+    for (library, places) in ONLY_IN {
+        let inside =
+            places.iter().any(|place| path.strip_suffix(".rs").unwrap_or(path).starts_with(place));
+        let named = names(&code, library, "::") || names(&code, &format!("use {library}"), ";");
+        if !inside && named {
+            faults.push(format!("{path}: {library} is for {places:?} only"));
+        }
+    }
+    if PURE.contains(&module) {
+        for word in IMPURE {
+            if code.contains(word) {
+                faults.push(format!("{path}: {module} is pure, {word} is not"));
+            }
+        }
+    }
+    for word in ["unsafe", "todo!", "dbg!"] {
+        if names(&code, word, " ") || names(&code, word, "(") {
+            faults.push(format!("{path}: {word}"));
+        }
+    }
+    faults
+}
+
+/// Test modules in files of their own, which may use samples and libraries freely.
+fn is_test(path: &str) -> bool {
+    path.split('/').any(|part| part == "tests" || part == "tests.rs" || part == "test_support.rs")
+}
+
+#[test]
+fn imports_run_downward_only() {
+    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut found = Vec::new();
+    let files = files_below(&src);
+    assert!(files.len() > 40);
+    for path in files.iter().filter(|path| has_extension(path, "rs")) {
+        let name = path.strip_prefix(&src).unwrap().to_str().unwrap().replace('\\', "/");
+        if !is_test(&name) {
+            found.extend(faults(&name, &fs::read_to_string(path).unwrap()));
+        }
+    }
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
+#[test]
+fn the_checker_sees_each_crossed_line() {
+    let crossed = [
+        ("mesh/weld.rs", "use crate::watermark::bins;", "mesh may not see watermark"),
+        ("mesh/weld.rs", "use crate::{mesh::sum, formats::Limits};", "mesh may not see formats"),
+        ("watermark/a.rs", "fn f() { crate::formats::sniff(b) }", "may not see formats"),
+        ("formats/obj/parse.rs", "use crate::watermark::Frame;", "formats may not see watermark"),
+        ("marking.rs", "use crate::registry::Record;", "marking may not see registry"),
+        ("service/embed.rs", "use crate::http::ApiError;", "service may not see http"),
+        ("service/embed.rs", "use axum::Json;", "axum is for"),
+        ("jobs/mod.rs", "tower::ServiceBuilder::new()", "tower is for"),
+        ("service/known.rs", "sqlx::query(\"SELECT 1\")", "sqlx is for"),
+        ("marking.rs", "tobj::load_obj_buf(x)", "tobj is for"),
+        ("watermark/embed.rs", "use rand_chacha::ChaCha20Rng;", "rand_chacha is for"),
+        ("watermark/embed.rs", "let now = std::time::Instant::now();", "is pure"),
+        ("formats/mod.rs", "std::fs::read(path)", "is pure"),
+        ("keys.rs", "unsafe { x() }", "unsafe"),
+    ];
+    for (path, source, expected) in crossed {
+        let found = faults(path, source);
+        assert!(found.iter().any(|fault| fault.contains(expected)), "{path}: {source}: {found:?}");
+    }
+}
+
+#[test]
+fn the_checker_does_not_cry_wolf() {
+    let fine = [
+        ("mesh/weld.rs", "use super::Mesh;\n// not like crate::watermark::bins\n"),
+        ("mesh/weld.rs", "//! [`crate::watermark`] uses this."),
+        ("mesh/weld.rs", "fn f() {}\n\n#[cfg(test)]\nmod tests {\n    use crate::sample::Sample;\n"),
+        ("formats/mod.rs", "fn f() { let c = '\"'; self::gltf::read() }"),
+        ("formats/gltf/mod.rs", "gltf::Gltf::from_slice(b)"),
+        ("watermark/codeword.rs", "use rand_chacha::ChaCha20Rng;"),
+        ("http/mod.rs", "use axum::Router; use crate::service::Service;"),
+        ("service/text.rs", "let text = \"crate::http:: and sqlx:: and std::fs\";"),
+        ("marking.rs", "use crate::{formats::{Asset, Limits}, mesh, watermark::{self, embed}};"),
+        ("service/mod.rs", "let not_unsafe = 1; my_axum::f()"),
+    ];
+    for (path, source) in fine {
+        assert_eq!(faults(path, source), Vec::<String>::new(), "{source}");
+    }
+}
