@@ -16,14 +16,8 @@ use support::{
     has_extension, mark_named, meshes,
 };
 
-/// Above this many bytes (dragon and gear) one method stands for all, to keep the time of the
-/// development profile bearable.
-const ALL_METHODS_UP_TO: usize = 12 << 20;
-
 /// Marks with each method; `true` for marked, `false` for refused.
 fn closed_loop(name: &str, host: &[u8], differs: impl Fn(&str, &[u8], &[u8])) -> Vec<bool> {
-    let methods: &[Method] =
-        if host.len() <= ALL_METHODS_UP_TO { &Method::ALL } else { &[Method::QspMean] };
     let each = |&method: &Method| {
         let name = format!("{name} {method}");
         match mark_named(&name, host, method) {
@@ -42,7 +36,7 @@ fn closed_loop(name: &str, host: &[u8], differs: impl Fn(&str, &[u8], &[u8])) ->
             Err(other) => panic!("{name}: {other}"),
         }
     };
-    methods.iter().map(each).collect()
+    Method::ALL.iter().map(each).collect()
 }
 
 fn all_in(folder: &Path, extension: &str, differs: impl Fn(&str, &[u8], &[u8]) + Copy) {
