@@ -8,6 +8,9 @@
 //! percent of the bounding-box diagonal; triangles turned by more than 90 degrees; smallest
 //! margin; rounds) and, at the end, the ratios of the `exact` methods to their `qsp` twins.
 
+#![allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "a benchmark may stop")]
+#![allow(clippy::pedantic)]
+
 use std::path::Path;
 
 use quadmark::formats::{Asset, Limits};

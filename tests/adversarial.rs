@@ -2,7 +2,7 @@
 //! an answer each time, never a panic, and a refusal that says something.
 //!
 //! The files are not part of the repository (see `support::meshes`).
-#![expect(clippy::unwrap_used, clippy::panic, reason = "test helpers")]
+#![expect(clippy::unwrap_used, reason = "test helpers")]
 
 mod support;
 

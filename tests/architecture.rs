@@ -1,6 +1,5 @@
 //! The import lines of the design: who may see whom, and which library stays where. Written down
 //! in ARCHITECTURE.md; held here, by a reading of the sources.
-#![expect(clippy::unwrap_used, reason = "test helpers")]
 
 mod support;
 
@@ -23,10 +22,7 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("jobs", &[]),
     (
         "service",
-        &[
-            "blobs", "config", "formats", "jobs", "keys", "marking", "mesh", "registry",
-            "watermark",
-        ],
+        &["blobs", "config", "formats", "jobs", "keys", "marking", "mesh", "registry", "watermark"],
     ),
     ("lab", &["formats", "watermark", "mesh", "marking"]),
 ];
@@ -210,7 +206,10 @@ fn the_checker_does_not_cry_wolf() {
     let fine = [
         ("mesh/weld.rs", "use super::Mesh;\n// not like crate::watermark::bins\n"),
         ("mesh/weld.rs", "//! [`crate::watermark`] uses this."),
-        ("mesh/weld.rs", "fn f() {}\n\n#[cfg(test)]\nmod tests {\n    use crate::sample::Sample;\n"),
+        (
+            "mesh/weld.rs",
+            "fn f() {}\n\n#[cfg(test)]\nmod tests {\n    use crate::sample::Sample;\n",
+        ),
         ("formats/mod.rs", "fn f() { let c = '\"'; self::gltf::read() }"),
         ("formats/gltf/mod.rs", "gltf::Gltf::from_slice(b)"),
         ("watermark/codeword.rs", "use rand_chacha::ChaCha20Rng;"),

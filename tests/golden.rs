@@ -114,8 +114,7 @@ fn the_first_release_s_mark_is_still_read() {
     let bytes = std::fs::read(folder().join("marked_v1.obj")).unwrap();
     let key = MarkKey::from_bytes(counting());
     let bits = BitCount::new(32).unwrap();
-    let found =
-        extract_file(&bytes, &key, bits, Modulation::Mean, &Limits::default()).unwrap();
+    let found = extract_file(&bytes, &key, bits, Modulation::Mean, &Limits::default()).unwrap();
     assert_eq!(found.message().unwrap().to_hex(), "c0ffee42");
     assert!(found.margins.iter().all(|margin| *margin > 0.05), "{:?}", found.margins);
     let format = Asset::read(&bytes, &Limits::default()).unwrap().format();

@@ -44,17 +44,16 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         }))?;
         return Ok(ExitCode::SUCCESS);
     }
-    match message {
-        Some(message) => println!("{message}"),
-        None => {
-            let digit = |bit: &Option<bool>| match bit {
-                Some(true) => '1',
-                Some(false) => '0',
-                None => '?',
-            };
-            println!("{}", found.bits.iter().map(digit).collect::<String>());
-            eprintln!("bits shown as ? lie in bins with too few vertices to be read");
-        }
+    if let Some(message) = message {
+        println!("{message}");
+    } else {
+        let digit = |bit: &Option<bool>| match bit {
+            Some(true) => '1',
+            Some(false) => '0',
+            None => '?',
+        };
+        println!("{}", found.bits.iter().map(digit).collect::<String>());
+        eprintln!("bits shown as ? lie in bins with too few vertices to be read");
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -34,7 +34,7 @@ pub fn to_glb(mesh: &Mesh) -> Vec<u8> {
         .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
     let bounds = |p: DVec3| p.to_array().map(|x| f64::from(single(x)));
     let mut bin = Vec::with_capacity(mesh.positions().len() * 12 + mesh.triangles().len() * 12);
-    for x in mesh.positions().iter().flat_map(|p| p.to_array()) {
+    for x in mesh.positions().iter().flat_map(DVec3::to_array) {
         bin.extend(single(x).to_le_bytes());
     }
     let indices_at = bin.len();
