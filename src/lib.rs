@@ -1,6 +1,48 @@
 //! quadmark marks 3D meshes with their owner's invisible, blind, robust watermark and later
 //! proves from a suspect file whose mark it carries.
 //!
+//! A mesh is made, marked, roughened with noise, and read without the original:
+//!
+//! ```
+//! use quadmark::formats::{Asset, Limits};
+//! use quadmark::marking::{MarkRequest, mark};
+//! use quadmark::mesh::Mesh;
+//! use quadmark::sample::{Sample, to_obj};
+//! use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, extract};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let host = to_obj(&Sample::Blob.mesh(20_000)?);
+//! let key = MarkKey::from_bytes([42; 32]); // in earnest: random, and kept
+//! let bits = BitCount::new(64)?;
+//! let message = Message::from_hex("0123456789abcdef", bits)?;
+//! let params = EmbedParams { bits, ..EmbedParams::default() };
+//! let marked = mark(
+//!     &host,
+//!     &MarkRequest {
+//!         key: &key,
+//!         message: &message,
+//!         params,
+//!         limits: Limits::default(),
+//!         stop: &|| false,
+//!         independent_check_max_bytes: 16 << 20,
+//!     },
+//! )?;
+//!
+//! // Noise of a ten-thousandth of the object's size, at every vertex.
+//! let suspect = Asset::read(&marked.bytes, &Limits::default())?.into_mesh();
+//! let noisy = suspect.positions().iter().enumerate().map(|(i, p)| {
+//!     let i = i as f64;
+//!     p + 1e-4 * glam::DVec3::new((i * 12.9).sin(), (i * 78.2).sin(), (i * 37.7).sin())
+//! });
+//! let noisy = Mesh::new(noisy.collect(), suspect.triangles().to_vec())?;
+//!
+//! // The reader has the key; it needs neither the host nor the message.
+//! let found = extract(&noisy, &key, bits, params.method.modulation())?;
+//! assert_eq!(found.message().map(|m| m.to_hex()).as_deref(), Some("0123456789abcdef"));
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! Modules in reading order; imports run downward only (`tests/architecture.rs` holds the line):
 //!
 //! - [`mesh`]: positions and triangles, welding, centre, quadrics, distortion. Pure.

@@ -32,7 +32,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("axum", &["http"]),
     ("tower", &["http"]),
     ("tower_http", &["http"]),
-    ("utoipa", &["http"]),
+    ("utoipa", &["http", "service"]),
     ("sqlx", &["registry"]),
     ("gltf", &["formats"]),
     ("tobj", &["formats"]),
