@@ -13,7 +13,7 @@ use super::capacity::{Judge, Judgement};
 use super::extract::Reading;
 use super::fixed_point::FixedPoint;
 use super::pass::{Host, Passed, Passes, State};
-use super::{Codeword, EmbedParams, Shaping, WatermarkError};
+use super::{Codeword, EmbedParams, Method, Shaping, WatermarkError};
 
 /// Rounds at the most. Meshes settle in two to six; those that oscillate do so within a dozen,
 /// and the best round is kept.
@@ -48,6 +48,8 @@ pub struct Embedding {
     pub host_frame: Frame,
     /// What a blind reader sees in the result.
     pub reading: Reading,
+    /// The method that chose the positions.
+    pub method: Method,
     /// Passes that were made.
     pub rounds: usize,
     /// Bins that read their bit; the others have too few vertices and are erasures.
@@ -60,10 +62,34 @@ pub struct Embedding {
 ///
 /// `stop` is asked between passes; when it answers `true` the work is given up.
 ///
+/// A mesh on which the allocation of an `exact` method does not settle is embedded with the
+/// paper's placement of the same modulation instead, so that it accepts whatever `qsp` accepts;
+/// [`Embedding::method`] says so, and a reader sees no difference.
+///
 /// # Errors
 /// [`WatermarkError::InsufficientCapacity`] when too few bins can be made to read their bit,
 /// [`WatermarkError::Cancelled`].
 pub fn embed(
+    host: Host<'_>,
+    codeword: &Codeword,
+    params: &EmbedParams,
+    stop: &dyn Fn() -> bool,
+) -> Result<Embedding, WatermarkError> {
+    let result = embed_as_asked(host, codeword, params, stop);
+    let paper = match params.method {
+        Method::ExactMean => Method::QspMean,
+        Method::ExactVar => Method::QspVar,
+        _ => return result,
+    };
+    match result {
+        Err(WatermarkError::InsufficientCapacity { .. }) => {
+            embed_as_asked(host, codeword, &EmbedParams { method: paper, ..*params }, stop)
+        }
+        other => other,
+    }
+}
+
+fn embed_as_asked(
     host: Host<'_>,
     codeword: &Codeword,
     params: &EmbedParams,
@@ -102,8 +128,16 @@ pub fn embed(
             correct(&mut state.corrections, codeword, &reading, &wanted);
         }
         let fulfilled = fulfilment(codeword, &reading, &wanted);
-        let round =
-            Embedding { positions, host_frame, reading, rounds, usable_bins, smallest_margin };
+        let method = params.method;
+        let round = Embedding {
+            positions,
+            host_frame,
+            reading,
+            method,
+            rounds,
+            usable_bins,
+            smallest_margin,
+        };
         let rank = (wrong, flipped, -fulfilled);
         let better = best_rank.is_none_or(|best| rank < best);
         let settled = wrong == 0 && flipped == 0 && fulfilled >= CLOSE_ENOUGH;
@@ -150,7 +184,7 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::mesh::surface::Surface;
     use crate::sample::Sample;
-    use crate::watermark::{BitCount, MarkKey, Message, Method, Strength, extract};
+    use crate::watermark::{BitCount, MarkKey, Message, Strength, extract};
 
     /// Single precision, as glTF stores positions.
     #[expect(clippy::cast_possible_truncation)]
