@@ -18,7 +18,8 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("config", &["formats"]),
     ("keys", &["config", "watermark"]),
     ("registry", &["watermark", "formats"]),
-    ("blobs", &["mesh"]),
+    // Its sweep asks the registry which records exist.
+    ("blobs", &["mesh", "formats", "registry"]),
     ("jobs", &[]),
     (
         "service",
