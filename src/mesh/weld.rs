@@ -98,8 +98,8 @@ fn by_sort(positions: &[DVec3]) -> Weld {
         first_of[vertex as usize] = first;
     }
     let mut weld = Weld { point_of: vec![0; positions.len()], first_vertex: Vec::new() };
-    for vertex in 0..positions.len() {
-        let first = first_of[vertex] as usize;
+    for (vertex, &first) in first_of.iter().enumerate() {
+        let first = first as usize;
         if first == vertex {
             weld.point_of[vertex] = u32::try_from(weld.first_vertex.len()).unwrap_or(EMPTY);
             weld.first_vertex.push(u32::try_from(vertex).unwrap_or(EMPTY));

@@ -111,9 +111,10 @@ impl Suspect {
     /// The soft bits of a lattice class.
     #[must_use]
     pub fn read(&self, class: u8, bits: BitCount, modulation: Modulation) -> SoftBits {
-        let statistics = Lattice::new(&self.frame, class, bits)
-            .map(|lattice| self.statistics(&lattice, modulation))
-            .unwrap_or_else(|| vec![BinStatistic::default(); bits.get()]);
+        let statistics = Lattice::new(&self.frame, class, bits).map_or_else(
+            || vec![BinStatistic::default(); bits.get()],
+            |lattice| self.statistics(&lattice, modulation),
+        );
         SoftBits::new(&statistics, modulation)
     }
 }
@@ -223,6 +224,7 @@ mod tests {
     use crate::watermark::bins;
 
     #[test]
+    #[expect(clippy::float_cmp, reason = "no evidence is exactly zero")]
     fn full_agreement_is_two_to_the_minus_m_and_no_agreement_is_no_evidence() {
         for (n, weight) in [(64, 1.0), (16, 0.003), (256, 7.0)] {
             let weights = vec![weight; n];

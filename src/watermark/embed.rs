@@ -224,7 +224,7 @@ mod tests {
                     let bits = BitCount::new(bits).unwrap();
                     let strength = Strength::new(alpha).unwrap();
                     let params = EmbedParams { method, strength, bits, closed_loop: true };
-                    let key = MarkKey::from_bytes([bits.get() as u8; 32]);
+                    let key = MarkKey::from_bytes([bits.get().to_le_bytes()[0]; 32]);
                     let result = embedded(&mesh, &key, &params)
                         .unwrap_or_else(|e| panic!("{sample} {method} {bits}: {e}"));
                     let marked = Mesh::new(result.positions, mesh.triangles().to_vec()).unwrap();

@@ -52,9 +52,9 @@ pub fn on_sphere(b: DMat3, p: DVec3, new_rho: f64) -> Option<DVec3> {
             return Some(x * (new_rho / length));
         }
         if length > new_rho {
-            low = low.max(mu)
+            low = low.max(mu);
         } else {
-            high = high.min(mu)
+            high = high.min(mu);
         }
         // d|x|/dmu = -x^T (B + mu I)^-1 x / |x|.
         let slope = x.dot(inverse * x) / length;

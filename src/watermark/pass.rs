@@ -215,7 +215,7 @@ impl<'a> Passes<'a> {
             })
             .collect();
         let norms = self.new_norms(rho, lattice, &sorted, &places, &lambdas);
-        let lambdas = self.lambdas_of_carriers(&sorted, &lambdas, rho.len());
+        let lambdas = Self::lambdas_of_carriers(&sorted, &lambdas, rho.len());
         Modulated { norms, lambdas, wanted }
     }
 
@@ -234,7 +234,6 @@ impl<'a> Passes<'a> {
 
     /// Per carrier the `lambda` of its bin; empty when all bins have the usual one.
     fn lambdas_of_carriers(
-        &self,
         sorted: &SortedByBin,
         lambdas: &[Option<f64>],
         carriers: usize,
@@ -254,6 +253,7 @@ impl<'a> Passes<'a> {
         of
     }
 
+    #[expect(clippy::float_cmp, reason = "a place that was not touched is the same to the bit")]
     fn new_norms(
         &self,
         rho: &[f64],
@@ -341,6 +341,7 @@ impl<'a> Passes<'a> {
     /// step: moves become shorter for the same change of the norm and more alike among
     /// neighbours, which turns no triangle over, however far they go. Returns the `lambda` with
     /// which the bin's vertices are to be placed.
+    #[expect(clippy::needless_pass_by_value, reason = "the slice's places are written to")]
     fn allocate(
         &self,
         sorted: &SortedByBin,
