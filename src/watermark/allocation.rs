@@ -39,7 +39,7 @@ impl Freedom {
 }
 
 /// How close the statistic must come to its target.
-const TOLERANCE: f64 = 1e-9;
+const TOLERANCE: f64 = 1e-7;
 
 /// Secant steps at the most.
 const MAX_STEPS: usize = 100;
@@ -69,7 +69,7 @@ impl Allocation<'_> {
     /// it comes as near as the ranges allow.
     #[must_use]
     pub fn solve(&self, target: f64) -> Solution {
-        let (multiplier, reached) = solve(|m| self.statistic(m), target, scale(self.freedoms));
+        let (multiplier, reached) = solve(|m| self.statistic(m), target, self.guess(target));
         Solution { multiplier, reached }
     }
 
@@ -105,6 +105,21 @@ impl Allocation<'_> {
         if upward { multiplier } else { -multiplier }
     }
 
+    /// The multiplier that would do if no vertex met its limit, without its sign: the statistic's
+    /// slope at rest, taken as if it were constant.
+    fn guess(&self, target: f64) -> f64 {
+        let slope: f64 = match self.modulation {
+            Modulation::Mean => self.freedoms.iter().map(|f| f.compliance).sum(),
+            Modulation::Variance => {
+                let all = self.places.iter().zip(self.freedoms);
+                all.map(|(t, f)| 2.0 * (2.0 * t - 1.0).powi(2) * f.compliance).sum()
+            }
+        };
+        let count = self.places.len() as f64;
+        let guess = (target - self.statistic(0.0)).abs() * count / slope;
+        if guess.is_finite() && guess > 0.0 { guess } else { 1.0 }
+    }
+
     fn factor(&self) -> f64 {
         let count = self.places.len().max(1) as f64;
         match self.modulation {
@@ -119,12 +134,6 @@ impl Allocation<'_> {
             Modulation::Variance => scaled(multiplier, t, freedom),
         }
     }
-}
-
-/// The multiplier at which a vertex of mean compliance crosses a whole bin.
-fn scale(freedoms: &[Freedom]) -> f64 {
-    let sum: f64 = freedoms.iter().map(|f| f.compliance).sum();
-    if sum > 0.0 { freedoms.len() as f64 / sum } else { 1.0 }
 }
 
 fn shifted(mu: f64, t: f64, freedom: &Freedom) -> f64 {
@@ -142,8 +151,8 @@ fn scaled(kappa: f64, t: f64, freedom: &Freedom) -> f64 {
 }
 
 /// The multiplier at which a growing function reaches `target`: brackets by doubling from
-/// `scale`, then the Illinois variant of regula falsi.
-fn solve(statistic: impl Fn(f64) -> f64, target: f64, scale: f64) -> (f64, bool) {
+/// `guess`, then the Illinois variant of regula falsi.
+fn solve(statistic: impl Fn(f64) -> f64, target: f64, guess: f64) -> (f64, bool) {
     let error = |x: f64| statistic(x) - target;
     let at_rest = error(0.0);
     if at_rest.abs() <= TOLERANCE {
@@ -152,9 +161,10 @@ fn solve(statistic: impl Fn(f64) -> f64, target: f64, scale: f64) -> (f64, bool)
     let sign = -at_rest.signum();
     let (mut near, mut near_error) = (0.0, at_rest);
     let (mut far, mut far_error) = (0.0, at_rest);
-    // 2^40 bin widths: by then every vertex stands at its limit.
-    for doubling in 0..48 {
-        far = sign * scale * f64::from(doubling - 8).exp2();
+    // Compliances differ by at most 1 / lambda or so: long before 2^40 times the guess every
+    // vertex stands at its limit.
+    for doubling in 0..40 {
+        far = sign * guess * f64::from(doubling).exp2();
         far_error = error(far);
         if far_error * sign >= 0.0 {
             break;
