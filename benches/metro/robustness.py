@@ -29,8 +29,7 @@ def run(options, *words):
 
 def load(path):
     meshes = pymeshlab.MeshSet()
-    meshes.load_new_mesh(str(path))
-    meshes.meshing_remove_unreferenced_vertices()
+    meshes.add_mesh(pymeshlab.Mesh(*arrays(path)))
     return meshes
 
 
@@ -41,8 +40,17 @@ def save(vertices, faces, path):
 
 
 def arrays(path):
-    mesh = load(path).current_mesh()
-    return mesh.vertex_matrix(), mesh.face_matrix()
+    """Used vertices, and triangles; MeshLab's own reader keeps the unused ones."""
+    vertices, faces = [], []
+    for line in open(path, encoding="latin-1"):
+        words = line.split()
+        if words[:1] == ["v"]:
+            vertices.append(words[1:4])
+        elif words[:1] == ["f"]:
+            corners = [int(word.split("/")[0]) - 1 for word in words[1:]]
+            faces += [[corners[0], b, c] for b, c in zip(corners[1:], corners[2:])]
+    used, faces = numpy.unique(numpy.array(faces), return_inverse=True)
+    return numpy.array(vertices, dtype=float)[used], faces.reshape(-1, 3)
 
 
 def noise(path, out, share, seed):

@@ -26,8 +26,9 @@ const MAX_ROUNDS: usize = 40;
 /// whatever is done (radial placement turns 195 of the dragon's 871,414, more than this allows).
 const FLIPPED_OF: usize = 5000;
 
-/// Rounds that are spent on turned triangles before that share is accepted.
-const GUARD_ROUNDS: usize = 3;
+/// Rounds that are spent on turned triangles before that share is accepted, and before the best
+/// round is taken whatever its share.
+const GUARD_ROUNDS: (usize, usize) = (2, 6);
 
 /// The loop ends when every bin has at least this share of the margin it is to have.
 const CLOSE_ENOUGH: f64 = 0.95;
@@ -150,7 +151,8 @@ fn embed_as_asked(
         };
         let rank = (wrong, flipped, -fulfilled);
         let better = best_rank.is_none_or(|best| rank < best);
-        let few = rounds >= GUARD_ROUNDS && flipped * FLIPPED_OF <= host.surface.triangles.len();
+        let (some, patience) = GUARD_ROUNDS;
+        let few = rounds >= some && flipped * FLIPPED_OF <= host.surface.triangles.len();
         let settled = wrong == 0 && (flipped == 0 || few) && fulfilled >= CLOSE_ENOUGH;
         if better || settled {
             best = Some(round);
@@ -160,7 +162,9 @@ fn embed_as_asked(
             best.rounds = rounds;
         }
         let right = best_rank.is_some_and(|(wrong, ..)| wrong == 0);
-        if settled || (rounds >= USUAL_ROUNDS && right) {
+        let fulfilled = best_rank.is_some_and(|(.., best)| -best >= CLOSE_ENOUGH);
+        let turned_in_vain = guards && right && fulfilled && rounds >= patience;
+        if settled || turned_in_vain || (right && rounds >= USUAL_ROUNDS) {
             break;
         }
     }

@@ -86,7 +86,8 @@ pub struct Passes<'a> {
     codeword: &'a Codeword,
     params: &'a EmbedParams,
     placement: Option<PlacementSurface<'a>>,
-    /// Per carrier, for allocation.
+    /// Per carrier, for allocation: the compliance with the usual `lambda`, and what it is made of.
+    compliances: Vec<Compliance>,
     pliancies: Vec<Pliancy>,
     /// Per carrier, whether it cannot move.
     fixed: Vec<bool>,
@@ -119,6 +120,7 @@ impl<'a> Passes<'a> {
             ),
             _ => Vec::new(),
         };
+        let compliances = pliancies.par_iter().map(|pliancy| pliancy.at(LAMBDA)).collect();
         let carriers = host.surface.positions.len();
         let mut fixed = vec![false; carriers];
         for &vertex in host.pinned {
@@ -127,7 +129,7 @@ impl<'a> Passes<'a> {
                 *fixed = true;
             }
         }
-        Self { host, codeword, params, placement, pliancies, fixed }
+        Self { host, codeword, params, placement, compliances, pliancies, fixed }
     }
 
     /// What a blind reader sees of carriers with these `norms` about `centre`.
@@ -312,8 +314,9 @@ impl<'a> Passes<'a> {
 
     /// What each sorted carrier may do, within its reach and clear of its bin's edges.
     fn freedoms(&self, sorted: &SortedByBin, lattice: &Lattice, state: &State) -> Vec<Freedom> {
-        let freedom =
-            |(&carrier, &t): (&u32, &f64)| self.freedom(carrier, t, LAMBDA, lattice, state);
+        let freedom = |(&carrier, &t): (&u32, &f64)| {
+            self.freedom(carrier, t, self.compliances[carrier as usize], lattice, state)
+        };
         sorted.carriers.par_iter().zip(&sorted.places).with_min_len(4096).map(freedom).collect()
     }
 
@@ -321,11 +324,10 @@ impl<'a> Passes<'a> {
         &self,
         carrier: u32,
         t: f64,
-        lambda: f64,
+        Compliance { compliance, reach }: Compliance,
         lattice: &Lattice,
         state: &State,
     ) -> Freedom {
-        let Compliance { compliance, reach } = self.pliancies[carrier as usize].at(lambda);
         let held = state.hold.get(carrier as usize).copied().unwrap_or(1.0);
         Freedom::new(compliance, t, held * reach / lattice.width)
     }
@@ -367,7 +369,8 @@ impl<'a> Passes<'a> {
             lambda *= STIFFENING;
             further *= 2.0;
             let wide = carriers.iter().zip(narrow.places).map(|(&carrier, &t)| {
-                let freedom = self.freedom(carrier, t, lambda, lattice, state);
+                let compliance = self.pliancies[carrier as usize].at(lambda);
+                let freedom = self.freedom(carrier, t, compliance, lattice, state);
                 Freedom::new(freedom.compliance, t, further * freedom.reach)
             });
             let wide: Vec<Freedom> = wide.collect();
