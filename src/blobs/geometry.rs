@@ -10,7 +10,6 @@ use std::io::Read;
 
 use glam::DVec3;
 
-use crate::formats::Limits;
 use crate::mesh::{Mesh, MeshError};
 
 const MAGIC: &[u8; 4] = b"QMG1";
@@ -55,11 +54,15 @@ pub fn pack(mesh: &Mesh) -> Result<Vec<u8>, GeometryError> {
     Ok(packed)
 }
 
-/// Unpacks a mesh.
+/// Unpacks a mesh of at most so many vertices and triangles.
 ///
 /// # Errors
 /// [`GeometryError`] for anything that [`pack`] did not write.
-pub fn unpack(packed: &[u8], limits: &Limits) -> Result<Mesh, GeometryError> {
+pub fn unpack(
+    packed: &[u8],
+    max_vertices: usize,
+    max_triangles: usize,
+) -> Result<Mesh, GeometryError> {
     let cut_off = GeometryError::Damaged("it is cut off");
     let (header, frame) = packed.split_at_checked(HEADER_BYTES).ok_or(cut_off)?;
     let (magic, counts) = header.split_at(MAGIC.len());
@@ -69,7 +72,7 @@ pub fn unpack(packed: &[u8], limits: &Limits) -> Result<Mesh, GeometryError> {
     let [vertices, faces] = [counts.first_chunk(), counts.last_chunk()].map(|bytes| {
         bytes.and_then(|bytes| usize::try_from(u32::from_le_bytes(*bytes)).ok()).unwrap_or(0)
     });
-    if vertices > limits.max_vertices || faces > limits.max_triangles {
+    if vertices > max_vertices || faces > max_triangles {
         return Err(GeometryError::TooLarge);
     }
     let float_bytes = vertices.checked_mul(24).ok_or(GeometryError::TooLarge)?;
@@ -112,6 +115,8 @@ fn unshuffle<const N: usize>(plain: &[u8], count: usize, index: usize) -> [u8; N
 mod tests {
     use super::*;
 
+    const PLENTY: usize = 50_000_000;
+
     fn triangle_with_awkward_floats() -> Mesh {
         let positions = vec![
             DVec3::new(-0.0, 0.1 + 0.2, f64::MIN_POSITIVE / 8.0),
@@ -129,7 +134,7 @@ mod tests {
     #[test]
     fn every_bit_comes_back() {
         let mesh = triangle_with_awkward_floats();
-        let again = unpack(&pack(&mesh).unwrap(), &Limits::default()).unwrap();
+        let again = unpack(&pack(&mesh).unwrap(), PLENTY, PLENTY).unwrap();
         assert_eq!(bits(&again), bits(&mesh));
         assert_eq!(again.triangles(), mesh.triangles());
     }
@@ -138,7 +143,7 @@ mod tests {
     fn every_prefix_is_refused() {
         let packed = pack(&triangle_with_awkward_floats()).unwrap();
         for length in 0..packed.len() {
-            assert!(unpack(&packed[..length], &Limits::default()).is_err(), "{length} bytes");
+            assert!(unpack(&packed[..length], PLENTY, PLENTY).is_err(), "{length} bytes");
         }
     }
 
@@ -149,7 +154,7 @@ mod tests {
             for value in [0, 1, 0x7f, 0xff] {
                 let mut damaged = packed.clone();
                 damaged[place] = value;
-                let _ = unpack(&damaged, &Limits::default());
+                let _ = unpack(&damaged, PLENTY, PLENTY);
             }
         }
     }
@@ -159,11 +164,13 @@ mod tests {
         let mesh = triangle_with_awkward_floats();
         let packed = pack(&mesh).unwrap();
         let longer = [packed.as_slice(), b"extra"].concat();
-        assert!(unpack(&longer, &Limits::default()).is_err());
-        let tight = Limits { max_vertices: 3, ..Limits::default() };
-        assert!(matches!(unpack(&packed, &tight), Err(GeometryError::TooLarge)));
+        assert!(unpack(&longer, PLENTY, PLENTY).is_err());
+        for (vertices, triangles) in [(3, 2), (4, 1)] {
+            let refused = unpack(&packed, vertices, triangles);
+            assert!(matches!(refused, Err(GeometryError::TooLarge)));
+        }
         let mut promising = packed.clone();
         promising[4..8].copy_from_slice(&40_000_000_u32.to_le_bytes());
-        assert!(unpack(&promising, &Limits::default()).is_err());
+        assert!(unpack(&promising, PLENTY, PLENTY).is_err());
     }
 }

@@ -2,12 +2,13 @@
 //!
 //! `files/{id}` is the marked file as it was handed out, `hosts/{id}` the geometry of the host
 //! (see [`geometry`]). Each write is whole or not there. Blobs are written before their record is
-//! registered and removed when that fails, and [`Blobs::sweep`] removes at the start what a crash
-//! left between the two. Must not know about HTTP or watermarks; nothing here is named by a user:
-//! the only path component is a record's id.
+//! registered and removed when that fails; the service sweeps at the start what a crash left between
+//! the two. Must not know about HTTP, watermarks or records; nothing here is named by a user: the
+//! only path component is a record's id.
 
 pub mod geometry;
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -17,8 +18,6 @@ use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
 use object_store::{ObjectStore, ObjectStoreExt};
 use uuid::Uuid;
-
-use crate::registry::{Registry, RegistryError};
 
 /// Why a blob could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -34,9 +33,6 @@ pub enum BlobError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The registry did not answer while sweeping.
-    #[error(transparent)]
-    Registry(#[from] RegistryError),
 }
 
 /// What a blob is.
@@ -122,31 +118,20 @@ impl Blobs {
         }
     }
 
-    /// Removes blobs that no record owns: what a crash between blob and record leaves. Returns
-    /// how many. Only at the start, before requests are served.
+    /// The ids under which anything is stored.
     ///
     /// # Errors
-    /// [`BlobError`].
-    pub async fn sweep(&self, registry: &dyn Registry) -> Result<usize, BlobError> {
-        let mut removed = 0;
+    /// [`BlobError::Store`].
+    pub async fn ids(&self) -> Result<BTreeSet<Uuid>, BlobError> {
+        let mut ids = BTreeSet::new();
         for kind in Kind::ALL {
             let mut found = self.store.list(Some(&BlobPath::from(kind.directory())));
-            let mut orphans = Vec::new();
             while let Some(blob) = found.try_next().await? {
-                let id = blob.location.filename().and_then(|name| name.parse::<Uuid>().ok());
                 // A name that is no id is not ours: leave it to whoever put it there.
-                if let Some(id) = id
-                    && !registry.exists(id).await?
-                {
-                    orphans.push(blob.location);
-                }
-            }
-            removed += orphans.len();
-            for path in orphans {
-                self.remove_at(&path).await?;
+                ids.extend(blob.location.filename().and_then(|name| name.parse::<Uuid>().ok()));
             }
         }
-        Ok(removed)
+        Ok(ids)
     }
 
     /// How many blobs there are.
@@ -162,7 +147,6 @@ impl Blobs {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registry::Sqlite;
 
     #[tokio::test]
     async fn written_read_removed() {
@@ -180,21 +164,17 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn sweeping_removes_only_orphans() {
+    async fn ids_are_listed_once_and_other_names_not() {
         let directory = tempfile::tempdir().unwrap();
-        let registry = Sqlite::open(directory.path()).await.unwrap();
         let blobs = Blobs::local(&directory.path().join("blobs")).unwrap();
-        let record = crate::registry::sample_record();
-        registry.register(&record, None).await.unwrap();
-        for id in [record.id, Uuid::now_v7()] {
+        let ids = BTreeSet::from([Uuid::now_v7(), Uuid::now_v7()]);
+        for &id in &ids {
             for kind in Kind::ALL {
                 blobs.put(kind, id, Bytes::from_static(b"x")).await.unwrap();
             }
         }
         std::fs::write(directory.path().join("blobs/files/README"), "keep").unwrap();
-        assert_eq!(blobs.sweep(&registry).await.unwrap(), 2);
-        assert!(blobs.get(Kind::File, record.id).await.unwrap().is_some());
-        assert!(blobs.get(Kind::Host, record.id).await.unwrap().is_some());
-        assert_eq!(blobs.count().await.unwrap(), 3);
+        assert_eq!(blobs.ids().await.unwrap(), ids);
+        assert_eq!(blobs.count().await.unwrap(), 5);
     }
 }

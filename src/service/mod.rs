@@ -11,6 +11,7 @@ mod known;
 mod records;
 mod register;
 mod spool;
+mod sweep;
 mod text;
 mod verdict;
 mod verify;
@@ -93,7 +94,7 @@ impl Service {
         let registry = Sqlite::open(&config.data).await?;
         let keys = open_keys(&config)?;
         let blobs = Blobs::local(&config.data.join("blobs"))?;
-        let orphans = blobs.sweep(&registry).await?;
+        let orphans = sweep::sweep(&blobs, &registry).await?;
         if orphans > 0 {
             info!(orphans, "removed files without a record, left by an earlier crash");
         }
