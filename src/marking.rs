@@ -5,15 +5,20 @@
 //! parsed again from nothing, extracted blindly and compared, and independent readers must find
 //! the same topology as in the host.
 
-use serde::Serialize;
+mod within;
+
+use serde::{Serialize, Serializer};
 
 use crate::formats::{Agreement, Asset, Format, FormatError, Limits, agrees};
 use crate::mesh::Mesh;
+use crate::mesh::quality::{Quality, quality};
 use crate::mesh::surface::Surface;
 use crate::watermark::{
-    BitCount, Codeword, EmbedParams, Extraction, Frame, Host, MarkKey, Message, Modulation,
-    Reading, WatermarkError, embed, extract_from_surface, needed_bins,
+    BitCount, Codeword, EmbedParams, Embedding, Extraction, Frame, Host, MarkKey, Message, Method,
+    Modulation, Reading, Strength, WatermarkError, embed, extract_from_surface, needed_bins,
 };
+
+pub use within::MaxDistortion;
 
 /// Why a file was not marked.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -27,6 +32,18 @@ pub enum MarkError {
     /// The marked file failed its check. It was thrown away.
     #[error("the marked file failed its check and was thrown away: {0}")]
     Check(String),
+    /// Even the weakest mark that was tried distorts more than it may.
+    #[error(
+        "no mark distorts this mesh by at most {limit:e} of its diagonal (MRMS): the weakest one \
+         tried comes to {least:.3e}; allow that much, or use another method or fewer \
+         bits"
+    )]
+    DistortionUnreachable {
+        /// What was asked for, a share of the diagonal.
+        limit: f64,
+        /// The least that was reached.
+        least: f64,
+    },
 }
 
 /// What to embed, and how.
@@ -78,6 +95,24 @@ pub struct MarkReport {
     pub smallest_margin: f64,
     /// Rounds of the closed loop.
     pub rounds: usize,
+    /// The strength used.
+    #[serde(serialize_with = "number")]
+    pub strength: Strength,
+    /// The method that chose the positions: where an `exact` one does not settle, the paper's.
+    #[serde(serialize_with = "name")]
+    pub method_used: Method,
+    /// What the mark does to the surface, as written.
+    pub quality: Quality,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn number<S: Serializer>(strength: &Strength, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_f64(strength.get())
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn name<S: Serializer>(method: &Method, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(method.name())
 }
 
 /// Marks a file.
@@ -85,19 +120,61 @@ pub struct MarkReport {
 /// # Errors
 /// [`MarkError`]; nothing but the error is left then.
 pub fn mark(host: &[u8], request: &MarkRequest<'_>) -> Result<Marked, MarkError> {
+    mark_by(host, request, |attempt| attempt(request.params.strength))
+}
+
+/// Marks a file as strongly as it can without distorting it by more than `limit`, at most
+/// `strongest`; begins at the request's strength. [`MarkReport::strength`] is what was found:
+/// [`mark`] with it makes the same bytes.
+///
+/// # Errors
+/// [`MarkError`], of which [`MarkError::DistortionUnreachable`] when even the weakest mark distorts
+/// too much.
+pub fn mark_within(
+    host: &[u8],
+    request: &MarkRequest<'_>,
+    limit: MaxDistortion,
+    strongest: Strength,
+) -> Result<Marked, MarkError> {
+    let start = request.params.strength;
+    mark_by(host, request, |attempt| {
+        within::strongest_within(limit, start, strongest, |strength| {
+            attempt(strength).map(|made| (made.quality.mrms, made))
+        })
+    })
+}
+
+/// An embedding, with what it does to the surface.
+struct Made {
+    embedding: Embedding,
+    quality: Quality,
+    strength: Strength,
+}
+
+/// Marks a file by the embedding that `choose` settles for, given a way to make one.
+fn mark_by(
+    host: &[u8],
+    request: &MarkRequest<'_>,
+    choose: impl FnOnce(&dyn Fn(Strength) -> Result<Made, MarkError>) -> Result<Made, MarkError>,
+) -> Result<Marked, MarkError> {
     let MarkRequest { key, message, params, limits, stop, .. } = *request;
     let cancelled = || if stop() { Err(WatermarkError::Cancelled) } else { Ok(()) };
     let asset = Asset::read(host, &limits)?;
     cancelled()?;
     let codeword = Codeword::new(key, message);
-    let (bytes, embedding, carriers) = {
+    let (bytes, made, carriers) = {
         let surface = Surface::new(asset.mesh());
         let round = |positions: &mut [glam::DVec3]| asset.round(positions);
         let seen =
             Host { mesh: asset.mesh(), surface: &surface, pinned: asset.pinned(), round: &round };
-        let embedding = embed(seen, &codeword, &params, stop)?;
-        (asset.write(host, &embedding.positions)?, embedding, surface.positions.len())
+        let made = choose(&|strength| {
+            let embedding = embed(seen, &codeword, &EmbedParams { strength, ..params }, stop)?;
+            let quality = quality_of(&surface, &embedding.positions)?;
+            Ok(Made { embedding, quality, strength })
+        })?;
+        (asset.write(host, &made.embedding.positions)?, made, surface.positions.len())
     };
+    let Made { embedding, quality, strength } = made;
     cancelled()?;
     let format = asset.format();
     if params.closed_loop {
@@ -117,9 +194,21 @@ pub fn mark(host: &[u8], request: &MarkRequest<'_>) -> Result<Marked, MarkError>
         erasures: codeword.bits().len() - embedding.usable_bins,
         smallest_margin: embedding.smallest_margin,
         rounds: embedding.rounds,
+        strength,
+        method_used: embedding.method,
+        quality,
     };
     let host_frame = embedding.host_frame;
     Ok(Marked { bytes, format, host: asset.into_mesh(), host_frame, report })
+}
+
+/// Measures positions of file vertices, as they will be written, against the host.
+fn quality_of(surface: &Surface, positions: &[glam::DVec3]) -> Result<Quality, MarkError> {
+    let at = |&vertex: &u32| positions.get(usize::try_from(vertex).ok()?).copied();
+    let moved: Option<Vec<glam::DVec3>> = surface.first_vertex.iter().map(at).collect();
+    moved
+        .and_then(|moved| quality(surface, &moved))
+        .ok_or_else(|| MarkError::Check("what it does to the surface cannot be measured".into()))
 }
 
 /// Reads the written bytes as a stranger would and compares with what was meant.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use quadmark::marking::{MarkRequest, mark};
+use quadmark::marking::{MarkRequest, MaxDistortion, mark, mark_within};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength};
 use serde_json::json;
 
@@ -25,9 +25,13 @@ pub(super) struct Arguments {
     /// cho-mean, cho-var, qsp-mean or qsp-var.
     #[arg(long, default_value_t, value_parser = super::parse_method)]
     method: Method,
-    /// How far each bin's statistic is moved: 0.01 to 0.25.
-    #[arg(long, default_value = "0.1", value_parser = super::parse_strength)]
-    strength: Strength,
+    /// How far each bin's statistic is moved: 0.01 to 0.25; 0.1 when not given.
+    #[arg(long, value_parser = super::parse_strength)]
+    strength: Option<Strength>,
+    /// Mark as strongly as this distortion allows (MRMS as a share of the diagonal, 0.000001 to
+    /// 0.1), up to --strength where that is given.
+    #[arg(long)]
+    max_distortion: Option<MaxDistortion>,
     /// How many bits the mark carries: 16 to 256.
     #[arg(long, default_value_t, value_parser = super::parse_bits)]
     bits: BitCount,
@@ -50,7 +54,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         message: &message,
         params: EmbedParams {
             method: arguments.method,
-            strength: arguments.strength,
+            strength: arguments.strength.unwrap_or_default(),
             bits: arguments.bits,
             closed_loop: !arguments.open_loop,
         },
@@ -58,25 +62,33 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         stop: &|| false,
         independent_check_max_bytes: 16 << 20,
     };
-    let marked = mark(&host, &request)?;
+    let marked = match arguments.max_distortion {
+        None => mark(&host, &request)?,
+        Some(limit) => {
+            let strongest = arguments.strength.unwrap_or(Strength::MAX);
+            mark_within(&host, &request, limit, strongest)?
+        }
+    };
     files::write(&arguments.output, &marked.bytes)?;
     let report = json!({
         "message": message.to_hex(),
         "method": arguments.method.name(),
-        "strength": arguments.strength.get(),
+        "strength": marked.report.strength.get(),
         "bits": arguments.bits.get(),
         "format": marked.format.extension(),
         "report": marked.report,
     });
     if !arguments.json {
         eprintln!(
-            "marked {} with message {} ({} of {} bins, {} rounds, smallest margin {:.4})",
+            "marked {} with message {} ({} of {} bins, {} rounds, smallest margin {:.4}, mrms \
+             {:.2e} of the diagonal)",
             arguments.output.display(),
             message.to_hex(),
             marked.report.usable_bins,
             arguments.bits,
             marked.report.rounds,
             marked.report.smallest_margin,
+            marked.report.quality.mrms,
         );
     } else if arguments.output == Path::new("-") {
         eprintln!("{report}");

@@ -64,6 +64,8 @@ codes! {
     NoTriangles = UNPROCESSABLE_ENTITY, "no_triangles", "The file has no triangles";
     InsufficientCapacity = UNPROCESSABLE_ENTITY, "insufficient_capacity",
         "The mesh cannot carry the mark";
+    DistortionUnreachable = UNPROCESSABLE_ENTITY, "distortion_unreachable",
+        "No mark stays within the distortion allowed";
     NoRadialExtent = UNPROCESSABLE_ENTITY, "no_radial_extent",
         "All vertices are at the same distance from the centre";
     Unprocessable = UNPROCESSABLE_ENTITY, "unprocessable", "The request cannot be done";

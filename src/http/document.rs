@@ -34,6 +34,7 @@ use crate::service::Verification;
         ProblemBody<'_>,
         Verification,
         wire::WatermarkBody,
+        wire::QualityBody,
         wire::WatermarkPageBody,
         wire::InspectionBody,
         wire::HealthBody,

@@ -112,6 +112,7 @@ impl From<ServiceError> for ApiError {
             ServiceError::InvalidParameter { .. } => Code::InvalidParameter,
             ServiceError::Format(error) => format_code(error),
             ServiceError::Watermark(error) => watermark_code(error),
+            ServiceError::DistortionUnreachable(_) => Code::DistortionUnreachable,
             ServiceError::UnknownWatermark(_) => Code::UnknownWatermark,
             ServiceError::UnknownVerification(_) => Code::UnknownVerification,
             ServiceError::FileNotKept(_) => Code::FileNotKept,

@@ -23,6 +23,7 @@ const FIELDS: &[&str] = &[
     "label",
     "method",
     "strength",
+    "max_distortion",
     "bits",
     "payload",
     "keep_file",
@@ -62,7 +63,8 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
         recipient: fields.text("recipient")?,
         label: fields.text("label")?,
         method: fields.parsed("method", str::parse)?.unwrap_or_default(),
-        strength: fields.parsed("strength", parse_strength)?.unwrap_or_default(),
+        strength: fields.parsed("strength", parse_strength)?,
+        max_distortion: fields.parsed("max_distortion", str::parse)?,
         bits: fields.parsed("bits", parse_bits)?.unwrap_or_default(),
         payload: fields.parsed("payload", |text| {
             hex::decode(text).map_err(|_| "must be an even number of hexadecimal digits")

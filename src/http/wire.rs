@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
-use crate::registry::{Page, Record};
+use crate::registry::{Page, Quality, Record};
 use crate::service::Inspected;
 
 /// A registered mark.
@@ -27,7 +27,7 @@ pub(super) struct WatermarkBody {
     method: String,
     /// Version of the watermark scheme.
     scheme: u16,
-    /// How strongly.
+    /// How strongly; what was found, where `max_distortion` was given.
     strength: f64,
     /// How many bits.
     bits: usize,
@@ -53,6 +53,8 @@ pub(super) struct WatermarkBody {
     triangles: u64,
     /// Bins that carry a bit.
     usable_bins: u32,
+    /// What the mark did to the mesh; null in records of before it was measured.
+    quality: Option<QualityBody>,
     /// Where the marked file can be fetched again; null when it was not kept.
     file_url: Option<String>,
     /// Whether the host's geometry was kept.
@@ -63,6 +65,38 @@ pub(super) struct WatermarkBody {
     /// When it was revoked.
     #[schema(value_type = Option<String>, format = DateTime)]
     revoked_at: Option<Timestamp>,
+}
+
+/// What a mark did to its mesh. Lengths are shares of the bounding box's diagonal.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Quality)]
+pub(super) struct QualityBody {
+    /// Root mean square distance between the surfaces (Metro, the larger of both directions).
+    mrms: f64,
+    /// Largest distance between the surfaces.
+    hausdorff: f64,
+    /// Longest way that a vertex went, along the surface or off it.
+    max_displacement: f64,
+    /// Mean angle that the triangles' normals turned by, weighted by area.
+    normal_deviation_degrees: f64,
+    /// Triangles that turned by more than 90 degrees.
+    flipped: u64,
+    /// The method that chose the positions: the one asked for, or the paper's (`qsp-`) where an
+    /// `exact-` one did not settle.
+    method_used: String,
+}
+
+impl From<Quality> for QualityBody {
+    fn from(quality: Quality) -> Self {
+        Self {
+            mrms: quality.mrms,
+            hausdorff: quality.hausdorff,
+            max_displacement: quality.max_displacement,
+            normal_deviation_degrees: quality.normal_deviation_degrees,
+            flipped: quality.flipped,
+            method_used: quality.method_used,
+        }
+    }
 }
 
 impl From<Record> for WatermarkBody {
@@ -88,6 +122,7 @@ impl From<Record> for WatermarkBody {
             vertices: record.vertices,
             triangles: record.triangles,
             usable_bins: record.usable_bins,
+            quality: record.quality.map(QualityBody::from),
             file_url,
             host_kept: record.host_kept,
             created_at: record.created_at,
@@ -152,6 +187,10 @@ pub(super) struct EmbedForm {
     method: Option<String>,
     /// 0.01 to 0.25; 0.1 by default.
     strength: Option<f64>,
+    /// The most that the mark may distort the mesh: its `mrms`, a share of the diagonal, 0.000001
+    /// to 0.1. The strongest mark within it is made, up to `strength` where that is given.
+    #[schema(minimum = 0.000_001, maximum = 0.1, example = 0.0001)]
+    max_distortion: Option<f64>,
     /// 16 to 256; 64 by default.
     bits: Option<u32>,
     /// The message in hexadecimal digits, at most `bits` bits; random by default.

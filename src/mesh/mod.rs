@@ -7,6 +7,7 @@
 pub mod adjacency;
 pub mod distortion;
 pub mod quadric;
+pub mod quality;
 pub mod sampling;
 pub mod sum;
 pub mod surface;

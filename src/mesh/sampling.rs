@@ -8,7 +8,7 @@ use super::surface::{Surface, doubled_area};
 
 /// The golden ratio's fractional part and its square root's: the steps of the plane's
 /// low-discrepancy sequence (the R2 sequence; plastic number 1.3247).
-const PLASTIC: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
+pub(super) const PLASTIC: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
 
 /// All carriers, then `per_kind` points on edges and `per_kind` points in triangles.
 #[must_use]

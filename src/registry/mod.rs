@@ -13,7 +13,7 @@ mod sqlite_rows;
 use async_trait::async_trait;
 use uuid::Uuid;
 
-pub use record::{Cursor, Filter, IdempotencyEntry, Page, Record, StoredVerification};
+pub use record::{Cursor, Filter, IdempotencyEntry, Page, Quality, Record, StoredVerification};
 pub use sqlite::Sqlite;
 #[cfg(test)]
 pub(crate) use sqlite_rows::sample_record;

@@ -5,6 +5,7 @@
 use base64::Engine as _;
 use base64::prelude::BASE64_URL_SAFE_NO_PAD;
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
 use crate::formats::Format;
@@ -25,7 +26,7 @@ pub struct Record {
     pub method: Method,
     /// Version of the watermark scheme; later releases still read it.
     pub scheme: u16,
-    /// Embedding strength.
+    /// Embedding strength, as used.
     pub strength: Strength,
     /// Length of the message.
     pub bits: BitCount,
@@ -55,6 +56,8 @@ pub struct Record {
     pub triangles: u64,
     /// Bins that carry a bit.
     pub usable_bins: u32,
+    /// What the mark did to the mesh; records of before it was measured have none.
+    pub quality: Option<Quality>,
     /// The marked file is in the blob store.
     pub file_kept: bool,
     /// The host's geometry is in the blob store.
@@ -63,6 +66,23 @@ pub struct Record {
     pub created_at: Timestamp,
     /// When it was revoked; a revoked mark is kept and not searched.
     pub revoked_at: Option<Timestamp>,
+}
+
+/// What a mark did to its mesh. Lengths are shares of the bounding box's diagonal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Quality {
+    /// Metro's root mean square distance.
+    pub mrms: f64,
+    /// Metro's largest distance.
+    pub hausdorff: f64,
+    /// Longest way that a vertex went.
+    pub max_displacement: f64,
+    /// Mean angle that normals turned by.
+    pub normal_deviation_degrees: f64,
+    /// Triangles that turned by more than 90 degrees.
+    pub flipped: u64,
+    /// The method that chose the positions, where the one asked for did not settle.
+    pub method_used: String,
 }
 
 /// Which records a page shows.

@@ -297,6 +297,28 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn a_registry_of_the_first_release_is_brought_up_to_date() {
+        let directory = tempfile::tempdir().unwrap();
+        let record = Record { quality: None, ..sample_record() };
+        let registry = Sqlite::open(directory.path()).await.unwrap();
+        registry.register(&record, None).await.unwrap();
+        for statement in [
+            "ALTER TABLE watermarks DROP COLUMN quality",
+            "DELETE FROM _sqlx_migrations WHERE version = 2",
+        ] {
+            sqlx::query(statement).execute(&registry.writer).await.unwrap();
+        }
+        let reader = Sqlite::open_to_read(directory.path()).await.unwrap();
+        assert_eq!(reader.record(record.id).await.unwrap(), Some(record.clone()));
+        reader.close().await;
+        registry.close().await;
+        drop(registry);
+        let registry = Sqlite::open(directory.path()).await.unwrap();
+        assert_eq!(registry.record(record.id).await.unwrap(), Some(record));
+        registry.register(&sample_record(), None).await.unwrap();
+    }
+
+    #[tokio::test]
     async fn one_process_per_directory() {
         let directory = tempfile::tempdir().unwrap();
         let first = Sqlite::open(directory.path()).await.unwrap();

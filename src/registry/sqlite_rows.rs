@@ -28,13 +28,15 @@ pub(super) async fn insert_record(
     connection: &mut SqliteConnection,
     record: &Record,
 ) -> Result<(), RegistryError> {
+    let quality = record.quality.as_ref().map(serde_json::to_string).transpose();
+    let quality = quality.map_err(|_| bad_row(&record.id, "quality"))?;
     let whole = |count: u64, column| i64::try_from(count).map_err(|_| bad_row(&record.id, column));
     sqlx::query(
         "INSERT INTO watermarks (id, owner_id, recipient, label, method, scheme, strength, bits,
              key_id, salt, message, payload, centre_x, centre_y, centre_z, rho_min, rho_max,
              host_sha256, marked_sha256, marked_bytes, format, file_name, vertices, triangles,
-             usable_bins, file_kept, host_kept, created_at, revoked_at)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+             usable_bins, file_kept, host_kept, created_at, revoked_at, quality)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(record.id.to_string())
     .bind(&record.owner_id)
@@ -65,6 +67,7 @@ pub(super) async fn insert_record(
     .bind(record.host_kept)
     .bind(record.created_at.as_microsecond())
     .bind(record.revoked_at.map(Timestamp::as_microsecond))
+    .bind(quality)
     .execute(connection)
     .await?;
     Ok(())
@@ -80,6 +83,12 @@ pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> 
     let bits = u32::try_from(unsigned("bits")?).map_err(|_| bad("bits"))?;
     let format: String = row.try_get("format")?;
     let method: String = row.try_get("method")?;
+    let quality = match row.try_get::<Option<String>, _>("quality") {
+        // Read beside the service of an earlier release, which has not added the column.
+        Err(sqlx::Error::ColumnNotFound(_)) => None,
+        found => found?,
+    };
+    let quality = quality.as_deref().map(serde_json::from_str).transpose();
     Ok(Record {
         id: id_text.parse().map_err(|_| bad("id"))?,
         owner_id: row.try_get("owner_id")?,
@@ -110,6 +119,7 @@ pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> 
         vertices: unsigned("vertices")?,
         triangles: unsigned("triangles")?,
         usable_bins: u32::try_from(unsigned("usable_bins")?).map_err(|_| bad("usable_bins"))?,
+        quality: quality.map_err(|_| bad("quality"))?,
         file_kept: row.try_get("file_kept")?,
         host_kept: row.try_get("host_kept")?,
         created_at: time(row.try_get("created_at")?, "created_at")?,
@@ -153,6 +163,14 @@ pub(crate) fn sample_record() -> Record {
         vertices: 20_000,
         triangles: 40_000,
         usable_bins: 64,
+        quality: Some(super::Quality {
+            mrms: 0.1 + 0.2,
+            hausdorff: 1.0 / 3.0,
+            max_displacement: 1e-300,
+            normal_deviation_degrees: 0.25,
+            flipped: 1 << 40,
+            method_used: "qsp-mean".to_owned(),
+        }),
         file_kept: true,
         host_kept: false,
         created_at: Timestamp::from_microsecond(1_790_000_000_123_456).unwrap(),

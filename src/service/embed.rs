@@ -16,8 +16,8 @@ use super::{Service, ServiceError, Spooled, Text, idempotency};
 use crate::blobs::{Kind, geometry};
 use crate::formats::Format;
 use crate::keys::random_bytes;
-use crate::marking::{MarkRequest, Marked, mark};
-use crate::registry::Record;
+use crate::marking::{MarkReport, MarkRequest, Marked, MaxDistortion, mark, mark_within};
+use crate::registry::{Quality, Record};
 use crate::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength};
 
 /// The scheme that this release embeds.
@@ -36,8 +36,10 @@ pub struct EmbedRequest {
     pub label: Option<Text>,
     /// How.
     pub method: Method,
-    /// How strongly.
-    pub strength: Strength,
+    /// How strongly; with `max_distortion`, at most how strongly.
+    pub strength: Option<Strength>,
+    /// Mark as strongly as this allows.
+    pub max_distortion: Option<MaxDistortion>,
     /// How many bits.
     pub bits: BitCount,
     /// The message; random when the caller gives none.
@@ -71,6 +73,17 @@ struct Done {
     vertices: u64,
     triangles: u64,
     usable_bins: u32,
+    strength: Strength,
+    quality: Quality,
+}
+
+/// How strongly to mark.
+#[derive(Clone, Copy)]
+enum Force {
+    /// With this strength.
+    Exactly(Strength),
+    /// As strongly as the distortion allows, at most with this strength.
+    Within(MaxDistortion, Strength),
 }
 
 impl Service {
@@ -124,19 +137,23 @@ impl Service {
         let key = mark_key(&self.keys, &key_id, &salt, &owner_id)?;
         let host_sha256 = request.file.sha256;
         let file_name = request.file.name.take();
-        let params = embed_params(request.method, request.strength, request.bits);
+        let force = match (request.max_distortion, request.strength) {
+            (None, strength) => Force::Exactly(strength.unwrap_or_default()),
+            (Some(limit), strength) => Force::Within(limit, strength.unwrap_or(Strength::MAX)),
+        };
+        let (method, bits) = (request.method, request.bits);
         let message_bytes = message.to_bytes();
         let keep_host = request.keep_host;
-        let done = self.mark(request.file, key, message, params, keep_host).await?;
+        let done = self.mark(request.file, key, message, (method, bits, force), keep_host).await?;
         let record = Record {
             id,
             owner_id,
             recipient: request.recipient.map(|text| text.as_str().to_owned()),
             label: request.label.map(|text| text.as_str().to_owned()),
-            method: request.method,
+            method,
             scheme: SCHEME,
-            strength: request.strength,
-            bits: request.bits,
+            strength: done.strength,
+            bits,
             key_id,
             salt,
             message: message_bytes,
@@ -150,6 +167,7 @@ impl Service {
             vertices: done.vertices,
             triangles: done.triangles,
             usable_bins: done.usable_bins,
+            quality: Some(done.quality),
             file_kept: request.keep_file,
             host_kept: done.host.is_some(),
             // Whole microseconds: what the registry keeps.
@@ -166,23 +184,35 @@ impl Service {
         mut file: Spooled,
         key: MarkKey,
         message: Message,
-        params: EmbedParams,
+        (method, bits, force): (Method, BitCount, Force),
         keep_host: bool,
     ) -> Result<Done, ServiceError> {
         let limits = self.config.limits;
         let independent_check_max_bytes = self.config.independent_check_max_bytes;
+        let start = match force {
+            Force::Exactly(strength) => strength,
+            // Where most searches end near.
+            Force::Within(_, strongest) if strongest < Strength::default() => strongest,
+            Force::Within(..) => Strength::default(),
+        };
         self.run(file.bytes, move |stop| {
             let host_bytes = file.read()?;
             let stop = || stop.now();
             let request = MarkRequest {
                 key: &key,
                 message: &message,
-                params,
+                params: EmbedParams { method, strength: start, bits, closed_loop: true },
                 limits,
                 stop: &stop,
                 independent_check_max_bytes,
             };
-            let Marked { bytes, format, host, host_frame, report } = mark(&host_bytes, &request)?;
+            let marked = match force {
+                Force::Exactly(_) => mark(&host_bytes, &request)?,
+                Force::Within(limit, strongest) => {
+                    mark_within(&host_bytes, &request, limit, strongest)?
+                }
+            };
+            let Marked { bytes, format, host, host_frame, report } = marked;
             drop(host_bytes);
             let packed = keep_host.then(|| geometry::pack(&host)).transpose()?;
             let usable_bins = u32::try_from(report.usable_bins)
@@ -196,6 +226,8 @@ impl Service {
                 vertices: host.positions().len() as u64,
                 triangles: host.triangles().len() as u64,
                 usable_bins,
+                strength: report.strength,
+                quality: quality_of(&report),
             })
         })
         .await
@@ -215,8 +247,8 @@ impl Service {
         // Marking is deterministic: the same host, key and message give the same bytes.
         let message = Message::from_bytes(&record.message, record.bits)?;
         let key = mark_key(&self.keys, &record.key_id, &record.salt, &record.owner_id)?;
-        let params = embed_params(record.method, record.strength, record.bits);
-        let done = self.mark(request.file, key, message, params, false).await?;
+        let how = (record.method, record.bits, Force::Exactly(record.strength));
+        let done = self.mark(request.file, key, message, how, false).await?;
         if done.marked_sha256 != record.marked_sha256 {
             return Err(ServiceError::CannotRemake(id));
         }
@@ -224,8 +256,16 @@ impl Service {
     }
 }
 
-fn embed_params(method: Method, strength: Strength, bits: BitCount) -> EmbedParams {
-    EmbedParams { method, strength, bits, closed_loop: true }
+fn quality_of(report: &MarkReport) -> Quality {
+    let measured = &report.quality;
+    Quality {
+        mrms: measured.mrms,
+        hausdorff: measured.hausdorff,
+        max_displacement: measured.max_displacement,
+        normal_deviation_degrees: measured.normal_deviation_degrees,
+        flipped: measured.flipped as u64,
+        method_used: report.method_used.to_string(),
+    }
 }
 
 fn random_message(bits: BitCount) -> Result<Message, ServiceError> {

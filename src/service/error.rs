@@ -33,6 +33,9 @@ pub enum ServiceError {
     /// The marked file did not read back: a bug, caught before anything was handed out.
     #[error("the marked file failed its check and was not handed out: {0}")]
     Check(String),
+    /// No mark stays within the distortion that the request allows. The text has the figures.
+    #[error("max_distortion: {0}")]
+    DistortionUnreachable(String),
     /// No such record.
     #[error("there is no watermark {0}; list the known ones with GET /v1/watermarks")]
     UnknownWatermark(Uuid),
@@ -90,6 +93,9 @@ impl From<MarkError> for ServiceError {
             MarkError::Watermark(WatermarkError::Cancelled) => JobError::DeadlinePassed.into(),
             MarkError::Watermark(error) => error.into(),
             MarkError::Check(reason) => Self::Check(reason),
+            error @ MarkError::DistortionUnreachable { .. } => {
+                Self::DistortionUnreachable(error.to_string())
+            }
         }
     }
 }

@@ -66,11 +66,17 @@ pub(super) fn fingerprint(request: &EmbedRequest) -> [u8; 32] {
     part(text(&request.recipient).as_deref().map(str::as_bytes));
     part(text(&request.label).as_deref().map(str::as_bytes));
     part(Some(request.method.to_string().as_bytes()));
-    part(Some(&request.strength.get().to_le_bytes()));
+    part(Some(&request.strength.unwrap_or_default().get().to_le_bytes()));
     part(Some(&(request.bits.get() as u64).to_le_bytes()));
     part(request.payload.as_deref());
     part(Some(&[u8::from(request.keep_file), u8::from(request.keep_host)]));
     part(Some(&request.file.sha256));
+    // Only where it is given, so that requests of before it existed keep their fingerprints. With
+    // it, a strength that is given is an upper bound and one that is not is none.
+    if let Some(limit) = request.max_distortion {
+        part(Some(&limit.get().to_le_bytes()));
+        part(Some(&[u8::from(request.strength.is_some())]));
+    }
     hash.finalize().into()
 }
 

@@ -169,6 +169,9 @@ fn shortened(text: &str) -> String {
 pub struct Strength(f64);
 
 impl Strength {
+    /// The strongest there is.
+    pub const MAX: Self = Self(0.25);
+
     /// # Errors
     /// [`WatermarkError::StrengthOutOfRange`], also for NaN.
     pub fn new(alpha: f64) -> Result<Self, WatermarkError> {

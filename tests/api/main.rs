@@ -10,6 +10,7 @@ mod broken;
 mod idempotency;
 mod marking;
 mod protocol;
+mod quality;
 mod records;
 mod refusals;
 mod server;

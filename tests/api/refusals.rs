@@ -60,7 +60,7 @@ async fn parameters_that_cannot_be() {
     let server = Server::start().await;
     let long = "a".repeat(10_000);
     let huge = "a".repeat(100_000);
-    let cases: [(&str, Form, &str); 17] = [
+    let cases: [(&str, Form, &str); 21] = [
         ("no owner", file_form(obj()), "missing_parameter"),
         ("no file", Form::new().text("owner_id", "acme"), "missing_parameter"),
         ("a long owner", file_form(obj()).text("owner_id", long), "invalid_parameter"),
@@ -70,6 +70,10 @@ async fn parameters_that_cannot_be() {
         ("a method", owned(obj()).text("method", "magic"), "invalid_parameter"),
         ("strength 7", owned(obj()).text("strength", "7"), "invalid_parameter"),
         ("strength nan", owned(obj()).text("strength", "nan"), "invalid_parameter"),
+        ("no distortion", owned(obj()).text("max_distortion", "0"), "invalid_parameter"),
+        ("tiny distortion", owned(obj()).text("max_distortion", "9e-7"), "invalid_parameter"),
+        ("large distortion", owned(obj()).text("max_distortion", "0.2"), "invalid_parameter"),
+        ("distortion nan", owned(obj()).text("max_distortion", "nan"), "invalid_parameter"),
         ("8 bits", owned(obj()).text("bits", "8"), "invalid_parameter"),
         ("-1 bits", owned(obj()).text("bits", "-1"), "invalid_parameter"),
         ("a payload of 72 bits", owned(obj()).text("payload", "0f".repeat(9)), "invalid_parameter"),

@@ -1,0 +1,80 @@
+//! What a mark does to a mesh: told, kept, and limited.
+
+use serde_json::Value;
+
+use crate::server::{Server, file_form, marked, obj, problem};
+
+async fn record_of(server: &Server, fields: &[(&'static str, &'static str)]) -> Value {
+    let form = file_form(obj()).text("owner_id", "acme");
+    let form = fields.iter().fold(form, |form, &(name, value)| form.text(name, value));
+    let url = server.url("/v1/watermarks");
+    let request = server.client.post(url).header("accept", "application/json");
+    let response = request.multipart(form).send().await.unwrap();
+    assert_eq!(response.status(), 201);
+    response.json().await.unwrap()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_answer_and_the_record_tell_what_the_mark_did() {
+    let server = Server::start().await;
+    let answered = record_of(&server, &[("method", "qsp-mean")]).await;
+    let quality = &answered["quality"];
+    let (mrms, hausdorff) = (number(&quality["mrms"]), number(&quality["hausdorff"]));
+    assert!(mrms > 1e-6 && mrms < 1e-3, "{answered}");
+    assert!(hausdorff > mrms && hausdorff <= number(&quality["max_displacement"]) * 1.001);
+    assert!(number(&quality["normal_deviation_degrees"]) > 0.0 && quality["flipped"].is_u64());
+    assert_eq!((&quality["method_used"], &answered["strength"]), (&"qsp-mean".into(), &0.1.into()));
+    let path = format!("/v1/watermarks/{}", answered["id"].as_str().unwrap());
+    assert_eq!(server.get_json(&path).await, answered);
+    let server = server.restart().await;
+    assert_eq!(server.get_json(&path).await, answered);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_strongest_mark_within_the_distortion_is_made() {
+    let server = Server::start().await;
+    let limit = 2.5e-5;
+    let found = record_of(&server, &[("max_distortion", "0.000025")]).await;
+    let (mrms, strength) = (number(&found["quality"]["mrms"]), number(&found["strength"]));
+    assert!(mrms <= limit && mrms > 0.8 * limit, "{found}");
+    let twice = record_of(&server, &[("max_distortion", "0.00005")]).await;
+    assert!(number(&twice["strength"]) > strength, "{twice}");
+    let most = [("max_distortion", "0.1"), ("strength", "0.12")];
+    assert_eq!(record_of(&server, &most).await["strength"], 0.12);
+    assert_eq!(record_of(&server, &[("max_distortion", "0.1")]).await["strength"], 0.25);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_distortion_that_no_mark_keeps_to_leaves_nothing_behind() {
+    let server = Server::start().await;
+    let form = file_form(obj()).text("owner_id", "acme").text("max_distortion", "0.000001");
+    let refused = server.post("/v1/watermarks", form).await;
+    let body = problem(refused, 422, "distortion_unreachable").await;
+    let detail = body["detail"].as_str().unwrap();
+    assert!(detail.contains("1e-6") && detail.contains("max_distortion"), "{detail}");
+    server.assert_empty("an unreachable distortion").await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_retry_within_a_distortion_gets_the_same_bytes() {
+    let server = Server::start().await;
+    let form = |limit| {
+        let form = file_form(obj()).text("owner_id", "acme").text("keep_file", "false");
+        form.text("max_distortion", limit)
+    };
+    let send = async |form: reqwest::multipart::Form| {
+        let request = server.client.post(server.url("/v1/watermarks"));
+        request.header("idempotency-key", "k").multipart(form).send().await.unwrap()
+    };
+    let first = marked(send(form("0.00005")).await).await;
+    let retry = send(form("0.00005")).await;
+    assert_eq!(retry.headers()["idempotent-replayed"], "true");
+    assert!(marked(retry).await == first);
+    for other in [form("0.00006"), form("0.00005").text("strength", "0.1")] {
+        problem(send(other).await, 409, "idempotency_conflict").await;
+    }
+}
