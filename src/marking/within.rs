@@ -169,7 +169,8 @@ mod tests {
 
     #[test]
     fn the_limit_is_used_and_never_passed() {
-        let laws: [(&str, fn(f64) -> f64); 4] = [
+        type Law = fn(f64) -> f64;
+        let laws: [(&str, Law); 4] = [
             ("in proportion", |alpha| alpha * 1e-3),
             ("faster", |alpha| alpha * alpha * 1e-2),
             ("with a floor", |alpha| 5e-6 + alpha * 1e-3),
