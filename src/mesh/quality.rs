@@ -7,7 +7,9 @@
 //! as what is nearest lies on the border of these, with those around the border's corner there.
 //! What comes out is an upper bound of the distance: it is the nearest place of the twin that is
 //! reached downhill from the sample's own. It is the distance itself where the surface is not
-//! folded more tightly than it was moved; where it comes out large, a wider search makes sure.
+//! folded more tightly than it was moved; where it comes out large, a wider search looks again. On
+//! dense meshes whose vertices slid over many triangles (a dragon of 435,000 vertices, `qsp`) the
+//! maximum may still come out at twice its value; the mean square stays within a few per cent.
 //!
 //! Must not know what moved the surface.
 
@@ -21,7 +23,7 @@ use super::surface::{Surface, doubled_area};
 use super::turning::turning;
 
 /// Samples on edges and in triangles, each. They stand for [`SAMPLES_PER_KIND`], at whose number
-/// they are weighted, and give the same within 2 %.
+/// they are weighted.
 const SAMPLES: usize = 60_000;
 
 /// Vertices whose mean square stands for that of all; for the maximum, all are considered.
@@ -35,9 +37,8 @@ const BLOCK: usize = 4096;
 const MOST_STEPS: usize = 16;
 
 /// Samples farther away than this share of the diagonal, from where the surface was moved by
-/// more, are searched for more widely. These few
-/// decide the mean square and the maximum: without it, a coarse gear with vertices that slid over
-/// several triangles came out at 1.36 times its MRMS.
+/// more, are searched for more widely. These few decide the mean square and the maximum: without
+/// it, a coarse gear with vertices that slid over several triangles came out at 1.36 times its MRMS.
 const FAR: f64 = 2e-4;
 
 /// Vertices that such a search looks around.
