@@ -19,7 +19,7 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("keys", &["config", "watermark"]),
     ("registry", &["watermark", "formats"]),
     // Its sweep asks the registry which records exist.
-    ("blobs", &["mesh", "formats", "registry"]),
+    ("blobs", &["mesh"]),
     ("jobs", &[]),
     (
         "service",

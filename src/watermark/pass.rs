@@ -56,6 +56,18 @@ impl State {
     pub fn new(bins: usize) -> Self {
         Self { corrections: vec![0.0; bins], ..Self::default() }
     }
+
+    /// What a carrier at place `t` may do.
+    fn freedom(
+        &self,
+        carrier: u32,
+        t: f64,
+        Compliance { compliance, reach }: Compliance,
+        lattice: &Lattice,
+    ) -> Freedom {
+        let held = self.hold.get(carrier as usize).copied().unwrap_or(1.0);
+        Freedom::new(compliance, t, held * reach / lattice.width)
+    }
 }
 
 /// What one pass makes.
@@ -315,21 +327,9 @@ impl<'a> Passes<'a> {
     /// What each sorted carrier may do, within its reach and clear of its bin's edges.
     fn freedoms(&self, sorted: &SortedByBin, lattice: &Lattice, state: &State) -> Vec<Freedom> {
         let freedom = |(&carrier, &t): (&u32, &f64)| {
-            self.freedom(carrier, t, self.compliances[carrier as usize], lattice, state)
+            state.freedom(carrier, t, self.compliances[carrier as usize], lattice)
         };
         sorted.carriers.par_iter().zip(&sorted.places).with_min_len(4096).map(freedom).collect()
-    }
-
-    fn freedom(
-        &self,
-        carrier: u32,
-        t: f64,
-        Compliance { compliance, reach }: Compliance,
-        lattice: &Lattice,
-        state: &State,
-    ) -> Freedom {
-        let held = state.hold.get(carrier as usize).copied().unwrap_or(1.0);
-        Freedom::new(compliance, t, held * reach / lattice.width)
     }
 
     fn allocation<'s>(
@@ -370,7 +370,7 @@ impl<'a> Passes<'a> {
             further *= 2.0;
             let wide = carriers.iter().zip(narrow.places).map(|(&carrier, &t)| {
                 let compliance = self.pliancies[carrier as usize].at(lambda);
-                let freedom = self.freedom(carrier, t, compliance, lattice, state);
+                let freedom = state.freedom(carrier, t, compliance, lattice);
                 Freedom::new(freedom.compliance, t, further * freedom.reach)
             });
             let wide: Vec<Freedom> = wide.collect();
