@@ -71,9 +71,22 @@ impl Sqlite {
     }
 }
 
+/// Creates the data directory, and what lies above it, for its owner alone: it holds marked files
+/// and their hosts. One that is there keeps its mode.
+fn create_private(data: &Path) -> std::io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::DirBuilderExt as _;
+        builder.mode(0o700);
+    }
+    builder.create(data)
+}
+
 fn lock(data: &Path) -> Result<File, RegistryError> {
     let failed = |source| RegistryError::Directory { path: data.display().to_string(), source };
-    std::fs::create_dir_all(data).map_err(failed)?;
+    create_private(data).map_err(failed)?;
     let file = OpenOptions::new()
         .create(true)
         .truncate(false)
@@ -259,6 +272,17 @@ mod tests {
     use super::super::contract;
     use super::*;
     use crate::registry::sample_record;
+
+    #[cfg(unix)]
+    #[tokio::test]
+    async fn a_new_data_directory_is_its_owner_s_alone() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let directory = tempfile::tempdir().unwrap();
+        let data = directory.path().join("new/data");
+        let _registry = Sqlite::open(&data).await.unwrap();
+        let mode = std::fs::metadata(&data).unwrap().permissions().mode();
+        assert_eq!(mode & 0o077, 0, "{mode:o}");
+    }
 
     #[tokio::test]
     async fn it_keeps_the_contract() {
