@@ -22,7 +22,7 @@ pub(super) struct Arguments {
     /// The message in hexadecimal digits, filled up with zero bits; random when not given.
     #[arg(long)]
     message: Option<String>,
-    /// cho-mean, cho-var, qsp-mean or qsp-var.
+    /// cho-mean, cho-var, qsp-mean, qsp-var, exact-mean or exact-var.
     #[arg(long, default_value_t, value_parser = super::parse_method)]
     method: Method,
     /// How far each bin's statistic is moved: 0.01 to 0.25; 0.1 when not given.

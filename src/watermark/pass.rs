@@ -29,7 +29,8 @@ const TARGET_RANGE: (f64, f64) = (0.04, 0.96);
 const MOST_WIDENINGS: u32 = 10;
 
 /// Where most bins cannot reach their margin, all reaches grow by this factor, so often at the
-/// most. Doubling them instead turned twenty times as many triangles of the dragon over.
+/// most. Doubling them instead turned three times as many
+/// triangles of the dragon over (4,134 against 1,278 with `exact-mean`, two keys).
 const STEP: f64 = 1.25;
 const MOST_STEPS: u32 = 30;
 
