@@ -42,16 +42,21 @@ pub fn turning(surface: &Surface, moved: &[DVec3]) -> Turning {
 /// ascending.
 #[must_use]
 pub fn flipped_triangles(surface: &Surface, moved: &[DVec3]) -> Vec<u32> {
-    let normal = |t: &[u32; 3], at: &[DVec3]| {
-        let [a, b, c] = t.map(|i| at[i as usize]);
+    let count = u32::try_from(surface.triangles.len()).unwrap_or(u32::MAX);
+    (0..count)
+        .into_par_iter()
+        .with_min_len(4096)
+        .filter(|&t| is_flipped(surface, t, moved))
+        .collect()
+}
+
+/// Whether one of them is.
+#[must_use]
+pub fn is_flipped(surface: &Surface, triangle: u32, moved: &[DVec3]) -> bool {
+    let corners = surface.triangles[triangle as usize];
+    let normal = |at: &[DVec3]| {
+        let [a, b, c] = corners.map(|i| at[i as usize]);
         doubled_area(a, b, c)
     };
-    surface
-        .triangles
-        .par_iter()
-        .with_min_len(4096)
-        .enumerate()
-        .filter(|(_, t)| normal(t, &surface.positions).dot(normal(t, moved)) < 0.0)
-        .filter_map(|(index, _)| u32::try_from(index).ok())
-        .collect()
+    normal(&surface.positions).dot(normal(moved)) < 0.0
 }

@@ -29,11 +29,16 @@ pub struct Freedom {
 /// a bin tips vertices over (method section 3). A vertex that is nearer to an edge may stay.
 const EDGE: f64 = 0.08;
 
+/// Share of its way to there that a vertex may go. With all of it, vertices from all over the bin
+/// end on one sphere; so they keep their order, and the triangles between them their side.
+const SQUEEZE: f64 = 0.9;
+
 impl Freedom {
     /// A vertex at place `t` that may go `reach` bin widths.
     #[must_use]
     pub fn new(compliance: f64, t: f64, reach: f64) -> Self {
-        let range = ((t - reach).max(t.min(EDGE)), (t + reach).min(t.max(1.0 - EDGE)));
+        let (below, above) = (SQUEEZE * (t - EDGE).max(0.0), SQUEEZE * (1.0 - EDGE - t).max(0.0));
+        let range = (t - reach.min(below), t + reach.min(above));
         Self { compliance: compliance.max(f64::MIN_POSITIVE), reach, range }
     }
 }

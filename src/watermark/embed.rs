@@ -12,8 +12,10 @@ use super::bins::{Frame, norms};
 use super::capacity::{Judge, Judgement};
 use super::extract::Reading;
 use super::fixed_point::FixedPoint;
-use super::pass::{Host, Passed, Passes, State};
+use super::modulate::State;
+use super::pass::{Host, Passed, Passes};
 use super::{Codeword, EmbedParams, Method, Shaping, WatermarkError};
+use crate::mesh::turning::flipped_triangles;
 
 /// Rounds after which the best one is taken if it reads every bit. Meshes settle in one to six;
 /// those that oscillate do so within a dozen.
@@ -22,13 +24,13 @@ const USUAL_ROUNDS: usize = 16;
 /// Rounds at the most, as long as some bit is still wrong.
 const MAX_ROUNDS: usize = 40;
 
-/// One triangle in so many may stay turned over: slivers thinner than the moves around them turn
-/// whatever is done (radial placement turns 195 of the dragon's 871,414, more than this allows).
-const FLIPPED_OF: usize = 5000;
+/// One triangle in so many may stay turned over before another round is spent on it: slivers
+/// thinner than the moves around them turn whatever is done (radial placement turns 195 of the
+/// dragon's 871,414).
+const FLIPPED_OF: usize = 100_000;
 
-/// Rounds that are spent on turned triangles before that share is accepted, and before the best
-/// round is taken whatever its share.
-const GUARD_ROUNDS: (usize, usize) = (2, 6);
+/// Rounds after which the best one is taken whatever its turned triangles.
+const GUARD_ROUNDS: usize = 6;
 
 /// The loop ends when every bin has at least this share of the margin it is to have.
 const CLOSE_ENOUGH: f64 = 0.95;
@@ -133,7 +135,7 @@ fn embed_as_asked(
         let reading = passes
             .read(centre, &norms(&carriers, centre))
             .ok_or(WatermarkError::NoRadialExtent { vertices: carriers.len() })?;
-        let flipped = if guards { passes.hold_flipped(&carriers, &mut state) } else { 0 };
+        let flipped = if guards { flipped_triangles(host.surface, &carriers).len() } else { 0 };
         let Judgement { right: usable_bins, wrong, smallest_margin } = judge.judge(&reading);
         if shift <= SETTLED_SHIFT {
             correct(&mut state.corrections, codeword, &reading, &wanted);
@@ -151,9 +153,8 @@ fn embed_as_asked(
         };
         let rank = (wrong, flipped, -fulfilled);
         let better = best_rank.is_none_or(|best| rank < best);
-        let (some, patience) = GUARD_ROUNDS;
-        let few = rounds >= some && flipped * FLIPPED_OF <= host.surface.triangles.len();
-        let settled = wrong == 0 && (flipped == 0 || few) && fulfilled >= CLOSE_ENOUGH;
+        let few = flipped * FLIPPED_OF <= host.surface.triangles.len();
+        let settled = wrong == 0 && few && fulfilled >= CLOSE_ENOUGH;
         if better || settled {
             best = Some(round);
             best_rank = Some(rank);
@@ -163,7 +164,7 @@ fn embed_as_asked(
         }
         let right = best_rank.is_some_and(|(wrong, ..)| wrong == 0);
         let fulfilled = best_rank.is_some_and(|(.., best)| -best >= CLOSE_ENOUGH);
-        let turned_in_vain = guards && right && fulfilled && rounds >= patience;
+        let turned_in_vain = guards && right && fulfilled && rounds >= GUARD_ROUNDS;
         if settled || turned_in_vain || (right && rounds >= USUAL_ROUNDS) {
             break;
         }

@@ -19,13 +19,53 @@ pub const LAMBDA: f64 = 0.01;
 /// Newton steps at the most.
 const MAX_STEPS: usize = 40;
 
-/// Relative precision of the distance that is asked for.
-const TOLERANCE: f64 = 1e-13;
+/// How close the distance must come to the one asked for, as a share of its change. What is left
+/// is made up along the ray: the cost of that is of second order.
+const TOLERANCE: f64 = 1e-6;
+
+/// And as a share of the distance itself, below which there is only rounding.
+const ROUNDING: f64 = 1e-15;
 
 /// `B = A + lambda tr(A) I`.
 #[must_use]
 pub fn stiffness(quadric: &Quadric, lambda: f64) -> DMat3 {
     quadric.matrix() + DMat3::from_diagonal(DVec3::splat(lambda * quadric.trace()))
+}
+
+/// `B + mu I = L D L^T` with a unit lower triangle: half the work of an inverse, and it says
+/// whether the matrix is positive definite.
+#[derive(Debug, Clone, Copy)]
+pub struct Factors {
+    /// Inverses of the diagonal of `D`.
+    inverse: DVec3,
+    /// `L_yx, L_zx, L_zy`.
+    lower: DVec3,
+}
+
+impl Factors {
+    /// Factors the symmetric matrix `b + mu I`; `None` when it is not positive definite.
+    #[must_use]
+    pub fn new(b: &DMat3, mu: f64) -> Option<Self> {
+        let x = b.x_axis.x + mu;
+        let (yx, zx) = (b.x_axis.y / x, b.x_axis.z / x);
+        let y = b.y_axis.y + mu - yx * b.x_axis.y;
+        let zy = (b.y_axis.z - yx * b.x_axis.z) / y;
+        let z = b.z_axis.z + mu - zx * b.x_axis.z - zy * zy * y;
+        let definite = x > 0.0 && y > 0.0 && z > 0.0;
+        definite
+            .then(|| Self { inverse: DVec3::new(x, y, z).recip(), lower: DVec3::new(yx, zx, zy) })
+    }
+
+    /// `(B + mu I)^-1 v`.
+    #[must_use]
+    pub fn solve(&self, v: DVec3) -> DVec3 {
+        let [yx, zx, zy] = self.lower.to_array();
+        let y = v.y - yx * v.x;
+        let z = v.z - zx * v.x - zy * y;
+        let w = DVec3::new(v.x, y, z) * self.inverse;
+        let y = w.y - zy * w.z;
+        DVec3::new(w.x - yx * y - zx * w.z, y, w.z)
+    }
 }
 
 /// The point at distance `new_rho` from the origin that minimises `(x - p)^T B (x - p)`, for a
@@ -35,21 +75,21 @@ pub fn stiffness(quadric: &Quadric, lambda: f64) -> DMat3 {
 #[must_use]
 pub fn on_sphere(b: DMat3, p: DVec3, new_rho: f64) -> Option<DVec3> {
     let pull = b * p;
+    let near = (TOLERANCE * (new_rho - p.length()).abs()).max(ROUNDING * new_rho);
     // mu must stay above -b_min, where B + mu I is singular; the root lies between.
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-    let mut mu = 0.0;
+    // At mu = 0 x is p itself.
+    let (mut mu, mut at_rest) = (0.0, Some(p));
     for _ in 0..MAX_STEPS {
-        let shifted = b + DMat3::from_diagonal(DVec3::splat(mu));
-        if !positive_definite(&shifted) {
+        let Some(factors) = Factors::new(&b, mu) else {
             low = mu;
             mu = f64::midpoint(mu, if high.is_finite() { high } else { 0.0 });
             continue;
-        }
-        let inverse = shifted.inverse();
-        let x = inverse * pull;
+        };
+        let x = at_rest.take().unwrap_or_else(|| factors.solve(pull));
         let length = x.length();
-        if (length - new_rho).abs() <= TOLERANCE * new_rho {
-            return Some(x * (new_rho / length));
+        if (length - new_rho).abs() <= near {
+            return (length > 0.0).then(|| x * (new_rho / length));
         }
         if length > new_rho {
             low = low.max(mu);
@@ -57,7 +97,7 @@ pub fn on_sphere(b: DMat3, p: DVec3, new_rho: f64) -> Option<DVec3> {
             high = high.min(mu);
         }
         // d|x|/dmu = -x^T (B + mu I)^-1 x / |x|.
-        let slope = x.dot(inverse * x) / length;
+        let slope = x.dot(factors.solve(x)) / length;
         let newton = mu + (length - new_rho) / slope * (length / new_rho);
         let inside = newton > low && newton < high;
         mu = if inside {
@@ -72,12 +112,6 @@ pub fn on_sphere(b: DMat3, p: DVec3, new_rho: f64) -> Option<DVec3> {
         }
     }
     None
-}
-
-/// Sylvester's criterion.
-fn positive_definite(m: &DMat3) -> bool {
-    let minor = m.x_axis.x * m.y_axis.y - m.x_axis.y * m.y_axis.x;
-    m.x_axis.x > 0.0 && minor > 0.0 && m.determinant() > 0.0
 }
 
 #[cfg(test)]
