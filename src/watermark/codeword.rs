@@ -199,6 +199,12 @@ impl Codeword {
         Self { lattice_class: schedule.lattice_class, bits: codeword }
     }
 
+    /// All bins alike: what the matched filter asks a host about. No mark carries it.
+    #[must_use]
+    pub fn uniform(lattice_class: u8, bits: BitCount, bit: bool) -> Self {
+        Self { lattice_class, bits: vec![bit; bits.get()] }
+    }
+
     /// Where the bins lie.
     #[must_use]
     pub fn lattice_class(&self) -> u8 {

@@ -148,6 +148,15 @@ impl SoftBits {
                 (s.count as f64).sqrt() * read
             })
             .collect();
+        Self::weighted(z)
+    }
+
+    /// From `z_i`, positive for a one, zero for an erasure; what is no number counts as one.
+    #[must_use]
+    pub fn weighted(mut z: Vec<f64>) -> Self {
+        for z in &mut z {
+            *z = if z.is_finite() { *z } else { 0.0 };
+        }
         let mut sizes: Vec<f64> = z.iter().map(|z| z.abs()).filter(|&z| z > 0.0).collect();
         sizes.sort_unstable_by(f64::total_cmp);
         let cap = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);

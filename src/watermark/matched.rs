@@ -1,0 +1,462 @@
+//! The matched filter: reads a suspect whose vertices still are the host's (method section 7).
+//!
+//! Bins ask how far a vertex is from the centre; this asks how far it is from where the host had
+//! it. From the host and a mark key follow the displacements for a codeword of ones, `d1`, and of
+//! zeros, `d0`, whatever the record's own codeword is. A carrier `j` of bin `i` stands at
+//! `host + m + c_i D / 2 + noise`, with `m = (d1 + d0) / 2`, `D = d1 - d0` and `c_i` the codeword's
+//! sign: per bin a correlation of the residual with `D` is all that can be known.
+//!
+//! A smoothed suspect stands at `S(host + m + sum_i c_i D_i / 2)`, with `S` the smoothing, which is
+//! linear, and `D_i` the part of `D` in bin `i`: neighbouring bins run into each other. The least
+//! squares estimate of `c` undoes that: with `T_i = S D_i`, solve `G c = t` for `t_i = <r, T_i>` and
+//! `G_ik = <T_i, T_k>`; by the adjoint, `<r, S D_i> = <S* r, D_i>`, one smoothing serves all bins.
+//!
+//! Nothing here may depend on the codeword. Must not know how suspects are brought into the host's
+//! coordinates, or which of their vertices is whose.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::bins::{Frame, Lattice, norms};
+use super::modulate::State;
+use super::pass::{Host, Passes};
+use super::{BitCount, Codeword, EmbedParams, SoftBits, WatermarkError};
+use crate::mesh::Mesh;
+use crate::mesh::adjacency::Adjacency;
+use crate::mesh::surface::Surface;
+
+/// A carrier of the host, and where the suspect has it, in the host's coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sighting {
+    /// Which carrier.
+    pub carrier: u32,
+    /// Where it is.
+    pub at: DVec3,
+}
+
+/// A carrier outside the lattice.
+const NO_BIN: u16 = u16::MAX;
+
+/// Passes for all ones and all zeros. The second knows which vertices the guard stiffens.
+const PASSES: usize = 2;
+
+/// Half-way rounds of smoothing (`lambda` 0.5) that the host is put through, to find the number
+/// that fits the suspect best: attacks do few or many, and a fit a quarter off hardly costs.
+const SMOOTHINGS: [usize; 14] = [0, 1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 50, 70];
+
+/// Numbers of rounds that may fit worse than the best before the search ends.
+const PATIENCE: usize = 2;
+
+/// Weight of each neighbour's mean per round of smoothing.
+const HALF: f64 = 0.5;
+
+/// Residuals that judge a number of rounds, at the most.
+const JUDGES: usize = 20_000;
+
+/// Standard deviations of the smoothing's kernel beyond which it is taken to reach no bin.
+const KERNEL: f64 = 2.5;
+
+/// Least ridge, a share of each bin's energy; and the share of the mean energy below which a bin
+/// says nothing.
+const LEAST_RIDGE: f64 = 0.02;
+const LEAST_ENERGY: f64 = 1e-9;
+
+/// Conjugate gradients: steps at the most, and the share of the squared residual that may be left.
+const MOST_GRADIENTS: usize = 40;
+const CLOSE: f64 = 1e-8;
+
+/// Median of a Rayleigh-like residual to its scale; any constant near one serves, for it moves
+/// only the knee of the weights.
+const KNEE: f64 = 2.0;
+
+/// What a host and a mark key let expect.
+#[derive(Debug, Clone)]
+pub struct HostFilter {
+    surface: Surface,
+    adjacency: Adjacency,
+    bits: BitCount,
+    /// Root mean square difference of the norms at the ends of an edge, in bin widths.
+    stride: f64,
+    /// Per carrier its bin in the host's own frame.
+    bins: Vec<u16>,
+    /// Per carrier where it stands half-way between a one and a zero.
+    middle: Vec<DVec3>,
+    /// Per carrier the way from a zero to a one.
+    difference: Vec<DVec3>,
+}
+
+impl HostFilter {
+    /// What a mark of these parameters does to the `host`, for the lattice class of its key.
+    ///
+    /// # Errors
+    /// [`WatermarkError::NoRadialExtent`].
+    pub fn new(host: &Mesh, class: u8, params: &EmbedParams) -> Result<Self, WatermarkError> {
+        let surface = Surface::new(host);
+        let centre = surface.centre();
+        let rho = norms(&surface.positions, centre);
+        let frame = Frame::spanning(centre, &rho);
+        let lattice = Lattice::new(&frame, class, params.bits)
+            .ok_or(WatermarkError::NoRadialExtent { vertices: rho.len() })?;
+        let seen = Host { mesh: host, surface: &surface, pinned: &[], round: &|_| {} };
+        let [zeros, ones] = [false, true].map(|bit| {
+            let codeword = Codeword::uniform(class, params.bits, bit);
+            let passes = Passes::new(seen, &codeword, params);
+            let mut state = State::new(params.bits.get());
+            let mut positions = Vec::new();
+            for _ in 0..PASSES {
+                positions = passes.run(centre, &mut state)?.positions;
+            }
+            Ok(passes.carriers_of(&positions))
+        });
+        let (zeros, ones): (Vec<DVec3>, Vec<DVec3>) = (zeros?, ones?);
+        let bin = |&rho: &f64| {
+            lattice.locate(rho).and_then(|(bin, _)| u16::try_from(bin).ok()).unwrap_or(NO_BIN)
+        };
+        let edges = surface.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+        let squares = edges.map(|[a, b]| (rho[a as usize] - rho[b as usize]).powi(2));
+        let squares = squares.sum::<f64>() / (3.0 * surface.triangles.len() as f64);
+        let pairs = || zeros.iter().zip(&ones);
+        Ok(Self {
+            bits: params.bits,
+            stride: squares.sqrt() / lattice.width,
+            bins: rho.iter().map(bin).collect(),
+            middle: pairs().map(|(&zero, &one)| zero.midpoint(one)).collect(),
+            difference: pairs().map(|(&zero, &one)| one - zero).collect(),
+            adjacency: Adjacency::new(surface.positions.len(), &surface.triangles),
+            surface,
+        })
+    }
+
+    /// The host's carriers.
+    #[must_use]
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// Bytes that it takes in memory, about.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        const CARRIER: usize = 3 * size_of::<DVec3>() + size_of::<u16>() + size_of::<u32>();
+        const TRIANGLE: usize = 6 * size_of::<u32>();
+        self.surface.positions.len() * CARRIER
+            + self.surface.triangles.len() * TRIANGLE
+            + self.surface.carrier_of.len() * size_of::<u32>()
+    }
+
+    /// Soft bits of a suspect; also how many rounds of smoothing it seems to have been through.
+    #[must_use]
+    pub fn read(&self, sightings: &[Sighting]) -> (SoftBits, usize) {
+        let (rounds, middle) = self.smoothed_alike(sightings);
+        (self.correlate(sightings, rounds, &middle), rounds)
+    }
+
+    /// Least squares for the bits of a suspect that was smoothed in so many rounds, which took
+    /// `self.middle` to `middle`.
+    fn correlate(&self, sightings: &[Sighting], rounds: usize, middle: &[DVec3]) -> SoftBits {
+        let weights = self.weights(sightings, rounds, middle);
+        let mut rest = vec![DVec3::ZERO; middle.len()];
+        for (Sighting { carrier, at }, weight) in sightings.iter().zip(&weights) {
+            let carrier = *carrier as usize;
+            rest[carrier] = *weight * (*at - middle[carrier]);
+        }
+        let mut seen = vec![0.0; middle.len()];
+        for (Sighting { carrier, .. }, weight) in sightings.iter().zip(&weights) {
+            seen[*carrier as usize] = *weight;
+        }
+        let noise = rest.iter().map(|rest| rest.length_squared()).sum::<f64>();
+        let noise = noise / (3.0 * seen.iter().sum::<f64>().max(1.0));
+        let along = self.along(&self.adjoint(rest, rounds));
+        let gram = self.gram(&seen, rounds);
+        SoftBits::weighted(estimate(&gram, &along, noise))
+    }
+
+    /// How many bins apart two must be for smoothing not to make them meet.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+    fn apart(&self, rounds: usize) -> usize {
+        let reach = KERNEL * self.stride * (HALF * rounds as f64).sqrt();
+        let bins = self.bits.get();
+        (2.0 * reach.ceil() + 1.0).clamp(1.0, bins as f64) as usize
+    }
+
+    /// Cauchy's weights: a vertex that is someone else's, or was torn away, hardly counts.
+    fn weights(&self, sightings: &[Sighting], rounds: usize, middle: &[DVec3]) -> Vec<f64> {
+        let off = |s: &Sighting| {
+            let carrier = s.carrier as usize;
+            let rest = s.at - middle[carrier];
+            if rounds > 0 {
+                return rest.length();
+            }
+            // The distance to the nearer of what a one and a zero would leave.
+            let half = 0.5 * self.difference[carrier];
+            (rest - half).length_squared().min((rest + half).length_squared()).sqrt()
+        };
+        let off: Vec<f64> = sightings.par_iter().with_min_len(4096).map(off).collect();
+        let knee = KNEE * median(off.clone());
+        let weight = |off: f64| if knee > 0.0 { 1.0 / (1.0 + (off / knee).powi(2)) } else { 1.0 };
+        off.into_iter().map(weight).collect()
+    }
+
+    /// `<field, D_i>` for each bin.
+    fn along(&self, field: &[DVec3]) -> Vec<f64> {
+        let mut along = vec![0.0; self.bits.get()];
+        for ((field, difference), &bin) in field.iter().zip(&self.difference).zip(&self.bins) {
+            if let Some(along) = along.get_mut(usize::from(bin)) {
+                *along += field.dot(*difference);
+            }
+        }
+        along
+    }
+
+    /// `G`, row by row. One smoothing serves all bins that are too far apart to meet.
+    fn gram(&self, seen: &[f64], rounds: usize) -> Vec<f64> {
+        let bins = self.bits.get();
+        let mut gram = vec![0.0; bins * bins];
+        let classes = self.apart(rounds);
+        for class in 0..classes {
+            let inside = |bin: u16| bin != NO_BIN && usize::from(bin) % classes == class;
+            let part = self.difference.iter().zip(&self.bins);
+            let part = part.map(|(&d, &bin)| if inside(bin) { d } else { DVec3::ZERO });
+            let mut spread = self.smoothed(part.collect(), rounds);
+            spread.iter_mut().zip(seen).for_each(|(spread, seen)| *spread *= *seen);
+            let back = self.adjoint(spread, rounds);
+            for ((back, difference), &bin) in back.iter().zip(&self.difference).zip(&self.bins) {
+                if bin == NO_BIN {
+                    continue;
+                }
+                // The nearest bin of the class.
+                let bin = usize::from(bin);
+                let above = (class + classes - bin % classes) % classes;
+                let source = if 2 * above <= classes {
+                    bin + above
+                } else {
+                    (bin + above).wrapping_sub(classes)
+                };
+                if source < bins {
+                    gram[source * bins + bin] += back.dot(*difference);
+                }
+            }
+        }
+        gram
+    }
+
+    /// As many rounds of smoothing as fit the suspect best, and where `self.middle` is after them.
+    fn smoothed_alike(&self, sightings: &[Sighting]) -> (usize, Vec<DVec3>) {
+        let judges: Vec<Sighting> =
+            sightings.iter().step_by((sightings.len() / JUDGES).max(1)).copied().collect();
+        let misfit = |middle: &[DVec3]| {
+            let off = judges.iter().map(|s| (s.at - middle[s.carrier as usize]).length());
+            median(off.collect())
+        };
+        let mut best = (misfit(&self.middle), 0, self.middle.clone());
+        let mut now = self.middle.clone();
+        let (mut rounds, mut worse) = (0, 0);
+        for upto in SMOOTHINGS.into_iter().skip(1) {
+            now = self.smoothed(now, upto - rounds);
+            rounds = upto;
+            let off = misfit(&now);
+            worse += 1;
+            if off < best.0 {
+                best = (off, rounds, now.clone());
+                worse = 0;
+            }
+            if worse == PATIENCE {
+                break;
+            }
+        }
+        (best.1, best.2)
+    }
+
+    /// `S`: rounds of going half-way to the mean of the neighbours (each triangle counts its
+    /// corners).
+    fn smoothed(&self, mut field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
+        for _ in 0..rounds {
+            field =
+                self.round_of(
+                    &field,
+                    |(sum, count), own| {
+                        if count > 0.0 { own.lerp(sum / count, HALF) } else { own }
+                    },
+                );
+        }
+        field
+    }
+
+    /// `S*`: the same, the other way round.
+    fn adjoint(&self, mut field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
+        for _ in 0..rounds {
+            let share = |(vertex, own): (usize, &DVec3)| {
+                let count = 2.0 * self.adjacency.around(vertex).len() as f64;
+                if count > 0.0 { *own / count } else { DVec3::ZERO }
+            };
+            let shares: Vec<DVec3> =
+                field.par_iter().enumerate().with_min_len(4096).map(share).collect();
+            let passed = self.round_of(&shares, |(sum, _), _| sum);
+            field = field.iter().zip(passed).map(|(own, passed)| own.lerp(passed, HALF)).collect();
+        }
+        field
+    }
+
+    /// Per carrier what `of` makes of the sum over its neighbours, their number and its own value.
+    fn round_of(
+        &self,
+        field: &[DVec3],
+        of: impl Fn((DVec3, f64), DVec3) -> DVec3 + Sync,
+    ) -> Vec<DVec3> {
+        let around = |(vertex, &own): (usize, &DVec3)| {
+            let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+            for &t in self.adjacency.around(vertex) {
+                for corner in self.surface.triangles[t as usize] {
+                    let corner = corner as usize;
+                    if corner != vertex {
+                        sum += field[corner];
+                        count += 1.0;
+                    }
+                }
+            }
+            of((sum, count), own)
+        };
+        field.par_iter().enumerate().with_min_len(1024).map(around).collect()
+    }
+}
+
+/// Per bin its estimated sign times the size of what it is estimated from: with `E` the diagonal of
+/// `G`, `x = (E^-1/2 G E^-1/2 + ridge)^-1 E^-1/2 t`, the estimate of least mean square error for
+/// half a sign each (variance 1/4) in noise of this variance.
+///
+/// Conjugate gradients: `G` is positive semidefinite only up to the neighbours that [`KERNEL`]
+/// neglects, and they stop where a factorisation would blow up.
+fn estimate(gram: &[f64], t: &[f64], noise: f64) -> Vec<f64> {
+    let n = t.len();
+    let energy: Vec<f64> = (0..n).map(|i| gram[i * n + i].max(0.0)).collect();
+    let least = LEAST_ENERGY * energy.iter().sum::<f64>() / n.max(1) as f64;
+    let size: Vec<f64> =
+        energy.iter().map(|e| if *e > least { e.sqrt().recip() } else { 0.0 }).collect();
+    let times = |x: &[f64]| -> Vec<f64> {
+        let row = |i: usize| {
+            let symmetric = |k: usize| f64::midpoint(gram[i * n + k], gram[k * n + i]);
+            let sum: f64 = (0..n).map(|k| symmetric(k) * size[k] * x[k]).sum();
+            let ridge = (4.0 * noise * size[i] * size[i]).max(LEAST_RIDGE);
+            size[i] * sum + ridge * x[i]
+        };
+        (0..n).map(row).collect()
+    };
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut x = vec![0.0; n];
+    let mut rest: Vec<f64> = t.iter().zip(&size).map(|(t, size)| t * size).collect();
+    let mut way = rest.clone();
+    let start = dot(&rest, &rest);
+    let mut now = start;
+    for _ in 0..MOST_GRADIENTS {
+        if now <= CLOSE * start {
+            break;
+        }
+        let image = times(&way);
+        let bend = dot(&way, &image);
+        if !(bend > 0.0) {
+            break;
+        }
+        let step = now / bend;
+        x.iter_mut().zip(&way).for_each(|(x, way)| *x += step * way);
+        rest.iter_mut().zip(&image).for_each(|(rest, image)| *rest -= step * image);
+        let next = dot(&rest, &rest);
+        way.iter_mut().zip(&rest).for_each(|(way, rest)| *way = rest + next / now * *way);
+        now = next;
+    }
+    x
+}
+
+fn median(mut all: Vec<f64>) -> f64 {
+    let middle = all.len() / 2;
+    if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::Sample;
+    use crate::watermark::{Embedding, MarkKey, Message, Method, embed};
+
+    struct Marked {
+        host: Mesh,
+        codeword: Codeword,
+        params: EmbedParams,
+        positions: Vec<DVec3>,
+    }
+
+    fn marked(sample: Sample, method: Method) -> Marked {
+        let host = sample.mesh(12_000).unwrap();
+        let surface = Surface::new(&host);
+        let params = EmbedParams { method, ..EmbedParams::default() };
+        let message = Message::from_bits((0..64).map(|i| i * i % 7 < 3).collect()).unwrap();
+        let codeword = Codeword::new(&MarkKey::from_bytes([5; 32]), &message);
+        let seen = Host { mesh: &host, surface: &surface, pinned: &[], round: &|_| {} };
+        let Embedding { positions, .. } = embed(seen, &codeword, &params, &|| false).unwrap();
+        Marked { codeword, params, positions, host }
+    }
+
+    fn bound(marked: &Marked, at: impl Fn(usize, DVec3) -> Option<DVec3>) -> (f64, usize) {
+        let class = marked.codeword.lattice_class();
+        let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
+        let sightings: Vec<Sighting> = (0_u32..)
+            .zip(&filter.surface().first_vertex)
+            .filter_map(|(carrier, &v)| {
+                let at = at(v as usize, marked.positions[v as usize])?;
+                Some(Sighting { carrier, at })
+            })
+            .collect();
+        let (soft, rounds) = filter.read(&sightings);
+        (soft.log10_bound(soft.score(&marked.codeword).t), rounds)
+    }
+
+    /// In [-1, 1], for each vertex and axis its own.
+    fn noise(v: usize) -> DVec3 {
+        let one = |k: f64| (((v as f64 + 1.0) * k).sin() * 43_758.545_3).fract();
+        DVec3::new(one(12.9898), one(78.233), one(37.719))
+    }
+
+    #[test]
+    fn a_mark_is_read_through_noise_outliers_and_from_a_fragment() {
+        for method in Method::ALL {
+            let marked = marked(Sample::Blob, method);
+            let size = marked.positions.iter().map(|p| p.length()).fold(0.0, f64::max);
+            let (clean, rounds) = bound(&marked, |_, at| Some(at));
+            assert!(clean < -17.0 && rounds == 0, "{method}: {clean} {rounds}");
+            let noisy = bound(&marked, |v, at| Some(at + 0.005 * size * noise(v))).0;
+            assert!(noisy < -8.0, "{method}, noise: {noisy}");
+            let torn =
+                bound(&marked, |v, at| Some(if v % 4 == 0 { at + size * noise(v) } else { at })).0;
+            assert!(torn < -15.0, "{method}, a quarter elsewhere: {torn}");
+            let fragment = bound(&marked, |_, at| (at.x > 0.2 * size).then_some(at)).0;
+            assert!(fragment < -8.0, "{method}, fragment: {fragment}");
+        }
+    }
+
+    #[test]
+    fn a_smoothed_mark_is_read_with_the_host_smoothed_alike() {
+        let marked = marked(Sample::Knot, Method::ExactMean);
+        let class = marked.codeword.lattice_class();
+        let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
+        let mut field: Vec<DVec3> =
+            filter.surface().first_vertex.iter().map(|&v| marked.positions[v as usize]).collect();
+        field = filter.smoothed(field, 10);
+        let sightings = |field: &[DVec3]| -> Vec<Sighting> {
+            (0..).zip(field).map(|(carrier, &at)| Sighting { carrier, at }).collect()
+        };
+        let (soft, rounds) = filter.read(&sightings(&field));
+        assert_eq!(rounds, 10);
+        let alike = soft.log10_bound(soft.score(&marked.codeword).t);
+        let unlike = filter.correlate(&sightings(&field), 0, &filter.middle);
+        let unlike = unlike.log10_bound(unlike.score(&marked.codeword).t);
+        let stride = filter.stride;
+        assert!(alike < -5.0 && alike < unlike - 2.0, "{alike} {unlike} {stride}");
+    }
+
+    #[test]
+    fn the_unmarked_host_and_another_mark_say_nothing() {
+        let marked = marked(Sample::Blob, Method::ExactMean);
+        let host = bound(&marked, |v, _| Some(marked.host.positions()[v])).0;
+        assert!(host > -4.0, "{host}");
+        let nothing = bound(&marked, |_, _| None);
+        assert_eq!(nothing, (0.0, 0));
+    }
+}
