@@ -17,12 +17,11 @@ use std::path::{Path, PathBuf};
 use quadmark::formats::{Asset, Format, Limits};
 use quadmark::marking::{MarkRequest, extract_file, mark};
 use quadmark::sample::{Sample, to_glb, to_obj};
-use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Modulation, Schedule};
+use quadmark::watermark::{
+    BitCount, EmbedParams, MarkKey, Message, Method, Modulation, Schedule, Strength,
+};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-
-/// The methods whose output is pinned. A new method gets its line here.
-const METHODS: [Method; 4] = [Method::ChoMean, Method::ChoVar, Method::QspMean, Method::QspVar];
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden")
@@ -71,11 +70,11 @@ fn schedules() -> Value {
 }
 
 fn marked_bytes(host: &[u8], method: Method) -> Vec<u8> {
-    let bits = BitCount::new(32).unwrap();
+    let (bits, strength) = (BitCount::new(32).unwrap(), Strength::new(0.1).unwrap());
     let request = MarkRequest {
         key: &MarkKey::from_bytes(counting()),
         message: &Message::from_hex("c0ffee42", bits).unwrap(),
-        params: EmbedParams { method, bits, ..EmbedParams::default() },
+        params: EmbedParams { method, strength, bits, closed_loop: true },
         limits: Limits::default(),
         stop: &|| false,
         independent_check_max_bytes: usize::MAX,
@@ -90,7 +89,7 @@ fn marked_files() -> Value {
     let glb = to_glb(Asset::read(&obj, &Limits::default()).unwrap().mesh());
     let of = |host: &[u8], method| json!(sha256(&marked_bytes(host, method)));
     let mut files = json!({ "host.obj": sha256(&obj), "host.glb": sha256(&glb) });
-    for method in METHODS {
+    for method in Method::ALL {
         files[format!("{method}.obj")] = of(&obj, method);
         files[format!("{method}.glb")] = of(&glb, method);
     }

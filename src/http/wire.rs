@@ -23,7 +23,7 @@ pub(super) struct WatermarkBody {
     /// The owner's text.
     label: Option<String>,
     /// How it was embedded.
-    #[schema(example = "qsp-mean")]
+    #[schema(example = "exact-mean")]
     method: String,
     /// Version of the watermark scheme.
     scheme: u16,

@@ -19,8 +19,6 @@ use super::bins::contribution;
 pub struct Freedom {
     /// How cheaply it moves: above zero, in any unit that the whole bin shares.
     pub compliance: f64,
-    /// How far it may go, in bin widths.
-    pub reach: f64,
     /// Least and greatest place it may take; the present place lies between them.
     pub range: (f64, f64),
 }
@@ -34,12 +32,11 @@ const EDGE: f64 = 0.08;
 const SQUEEZE: f64 = 0.9;
 
 impl Freedom {
-    /// A vertex at place `t` that may go `reach` bin widths.
+    /// A vertex at place `t`.
     #[must_use]
-    pub fn new(compliance: f64, t: f64, reach: f64) -> Self {
+    pub fn new(compliance: f64, t: f64) -> Self {
         let (below, above) = (SQUEEZE * (t - EDGE).max(0.0), SQUEEZE * (1.0 - EDGE - t).max(0.0));
-        let range = (t - reach.min(below), t + reach.min(above));
-        Self { compliance: compliance.max(f64::MIN_POSITIVE), reach, range }
+        Self { compliance: compliance.max(f64::MIN_POSITIVE), range: (t - below, t + above) }
     }
 }
 
@@ -205,10 +202,9 @@ mod tests {
     fn bin(n: u32) -> (Vec<f64>, Vec<Freedom>) {
         let unit = |i: u32, step: f64| (f64::from(i) * step).fract();
         let places: Vec<f64> = (0..n).map(|i| unit(i, 0.754_877_666)).collect();
-        let freedoms = (0..n).zip(&places).map(|(i, &t)| {
-            let cap = 0.2 + 0.8 * unit(i, 0.569_840_29);
-            Freedom::new(0.01 + 100.0 * unit(i, 0.324_717_957).powi(4), t, cap)
-        });
+        let freedoms = (0..n)
+            .zip(&places)
+            .map(|(i, &t)| Freedom::new(0.01 + 100.0 * unit(i, 0.324_717_957).powi(4), t));
         let freedoms = freedoms.collect();
         (places, freedoms)
     }

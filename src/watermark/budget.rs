@@ -18,11 +18,12 @@ const DEAREST: f64 = 2.0;
 const RANGE: (f64, f64) = (0.25, 1.25);
 
 /// The margin that each bin is to have; their mean is `strength` as far as the bounds allow.
-/// `None` when more than half of the bins that must move cannot reach `strength` at any price.
+/// Where more than half of the bins that must move cannot reach `strength` at any price, all are to
+/// come as near to it as they can.
 #[must_use]
-pub fn margins(allocations: &[Allocation<'_>], bits: &[bool], strength: f64) -> Option<Vec<f64>> {
+pub fn margins(allocations: &[Allocation<'_>], bits: &[bool], strength: f64) -> Vec<f64> {
     let bins = allocations.par_iter().zip(bits).with_max_len(1);
-    // A bin that cannot reach its target within reach has no price: infinite.
+    // A bin that cannot reach its target has no price: infinite.
     let prices: Vec<f64> = bins
         .map(|(bin, &bit)| {
             let solution = bin.solve(statistic(bin, bit, strength));
@@ -36,9 +37,9 @@ pub fn margins(allocations: &[Allocation<'_>], bits: &[bool], strength: f64) -> 
         .collect();
     let mut paid: Vec<f64> = prices.iter().copied().filter(|&p| p > 0.0).collect();
     paid.sort_unstable_by(f64::total_cmp);
-    let Some(&median) = paid.get(paid.len() / 2) else { return Some(vec![strength; bits.len()]) };
+    let median = paid.get(paid.len() / 2).copied().unwrap_or(f64::INFINITY);
     if !median.is_finite() {
-        return None;
+        return vec![strength; bits.len()];
     }
     let dearest = DEAREST * median;
     let (least, most) = (RANGE.0 * strength, RANGE.1 * strength);
@@ -63,7 +64,7 @@ pub fn margins(allocations: &[Allocation<'_>], bits: &[bool], strength: f64) -> 
             *margin = more;
         }
     }
-    Some(wanted)
+    wanted
 }
 
 fn statistic(bin: &Allocation<'_>, bit: bool, margin: f64) -> f64 {

@@ -28,7 +28,7 @@ const ROUNDING: f64 = 1e-15;
 
 /// `B = A + lambda tr(A) I`.
 #[must_use]
-pub fn stiffness(quadric: &Quadric, lambda: f64) -> DMat3 {
+pub fn penalised(quadric: &Quadric, lambda: f64) -> DMat3 {
     quadric.matrix() + DMat3::from_diagonal(DVec3::splat(lambda * quadric.trace()))
 }
 

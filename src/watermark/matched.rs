@@ -352,7 +352,7 @@ fn estimate(gram: &[f64], t: &[f64], noise: f64) -> Vec<f64> {
         }
         let image = times(&way);
         let bend = dot(&way, &image);
-        if !(bend > 0.0) {
+        if bend.is_nan() || bend <= 0.0 {
             break;
         }
         let step = now / bend;
@@ -391,7 +391,7 @@ mod tests {
         let codeword = Codeword::new(&MarkKey::from_bytes([5; 32]), &message);
         let seen = Host { mesh: &host, surface: &surface, pinned: &[], round: &|_| {} };
         let Embedding { positions, .. } = embed(seen, &codeword, &params, &|| false).unwrap();
-        Marked { codeword, params, positions, host }
+        Marked { host, codeword, params, positions }
     }
 
     fn bound(marked: &Marked, at: impl Fn(usize, DVec3) -> Option<DVec3>) -> (f64, usize) {

@@ -5,7 +5,6 @@ use rayon::prelude::*;
 
 use super::bins::{Frame, Lattice, norms};
 use super::compliance::pliancies;
-use super::exact::LAMBDA;
 use super::extract::Reading;
 use super::guard::{Guard, Moves};
 use super::modulate::{Modulated, Modulator, State};
@@ -53,8 +52,8 @@ impl<'a> Passes<'a> {
             Placement::Qsp | Placement::Exact => Some(PlacementSurface::new(surface)),
         };
         let pliancies = match (&placement, params.method.shaping()) {
-            (Some(PlacementSurface { adjacency, quadrics, .. }), Shaping::Allocation) => {
-                pliancies(surface, adjacency, quadrics, surface.centre())
+            (Some(PlacementSurface { quadrics, .. }), Shaping::Allocation) => {
+                pliancies(surface, quadrics, surface.centre())
             }
             _ => Vec::new(),
         };
@@ -111,7 +110,7 @@ impl<'a> Passes<'a> {
         state: &mut State,
     ) -> Vec<DVec3> {
         let method = self.modulator.params.method;
-        let Modulated { norms: new_rho, lambdas, .. } = modulated;
+        let new_rho = &mut modulated.norms;
         let place = |carrier: usize, v: DVec3| {
             let (rho, new_rho) = (rho[carrier], new_rho[carrier]);
             if rho.to_bits() == new_rho.to_bits() {
@@ -119,9 +118,8 @@ impl<'a> Passes<'a> {
             }
             match (&self.placement, method.placement()) {
                 (Some(placement), Placement::Exact) => {
-                    let lambda = lambdas.get(carrier).copied().unwrap_or(LAMBDA);
-                    let lambda = lambda * state.stiffness.of(carrier);
-                    placement.exact(centre, carrier, rho, new_rho, lambda)
+                    let stiffness = state.stiffness.of(carrier);
+                    placement.exact(centre, carrier, rho, new_rho, stiffness)
                 }
                 (Some(placement), Placement::Qsp) => placement.qsp(centre, carrier, rho, new_rho),
                 _ => radial(centre, v, rho, new_rho),
@@ -140,7 +138,7 @@ impl<'a> Passes<'a> {
             let pliancies = &self.modulator.pliancies;
             let guard = Guard { surface: self.host.surface, placement, pliancies };
             let placed = &mut placed;
-            guard.ease(&mut Moves { centre, rho, lambdas, new_rho, placed }, &mut state.stiffness);
+            guard.ease(&mut Moves { centre, rho, new_rho, placed }, &mut state.stiffness);
         }
         placed
     }

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::exact::{on_sphere, stiffness};
+use super::exact::{LAMBDA, on_sphere, penalised};
 use crate::mesh::adjacency::Adjacency;
 use crate::mesh::quadric::Quadric;
 use crate::mesh::surface::Surface;
@@ -77,7 +77,7 @@ impl<'a> PlacementSurface<'a> {
     }
 
     /// Exact placement of carrier `vertex` at distance `new_rho` from `centre`, with plain
-    /// displacement penalised by `lambda`.
+    /// displacement penalised by `stiffness` times the usual `lambda`.
     #[must_use]
     pub fn exact(
         &self,
@@ -85,10 +85,11 @@ impl<'a> PlacementSurface<'a> {
         vertex: usize,
         rho: f64,
         new_rho: f64,
-        lambda: f64,
+        stiffness: f64,
     ) -> DVec3 {
         let from_centre = self.surface.positions[vertex] - centre;
-        match on_sphere(stiffness(&self.quadrics[vertex], lambda), from_centre, new_rho) {
+        match on_sphere(penalised(&self.quadrics[vertex], stiffness * LAMBDA), from_centre, new_rho)
+        {
             Some(placed) => centre + placed,
             None => self.qsp(centre, vertex, rho, new_rho),
         }
@@ -173,7 +174,6 @@ fn closest_to_origin([a, b, c]: [DVec3; 3]) -> DVec3 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::exact::LAMBDA;
     use super::*;
     use crate::mesh::Mesh;
 
@@ -226,9 +226,9 @@ mod tests {
     fn no_candidate_of_qsp_beats_the_exact_place() {
         for (surface, rho, new_rho) in cases() {
             let prepared = PlacementSurface::new(&surface);
-            let (v, b) = (surface.positions[0], stiffness(&prepared.quadrics[0], LAMBDA));
+            let (v, b) = (surface.positions[0], penalised(&prepared.quadrics[0], LAMBDA));
             let cost = |x: DVec3| (x - v).dot(b * (x - v));
-            let exact = prepared.exact(DVec3::ZERO, 0, rho, new_rho, LAMBDA);
+            let exact = prepared.exact(DVec3::ZERO, 0, rho, new_rho, 1.0);
             assert!((exact.length() - new_rho).abs() < 1e-12);
             let others =
                 [prepared.qsp(DVec3::ZERO, 0, rho, new_rho), radial(DVec3::ZERO, v, rho, new_rho)];
