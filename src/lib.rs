@@ -63,6 +63,7 @@ pub mod jobs;
 pub mod keys;
 pub mod marking;
 pub mod mesh;
+pub mod registration;
 pub mod registry;
 pub mod sample;
 pub mod service;

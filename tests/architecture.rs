@@ -14,6 +14,7 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("watermark", &["mesh"]),
     ("formats", &["mesh"]),
     ("sample", &["mesh"]),
+    ("registration", &["mesh"]),
     ("marking", &["formats", "watermark", "mesh"]),
     ("config", &["formats"]),
     ("keys", &["config", "watermark"]),
@@ -40,13 +41,13 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("object_store", &["blobs"]),
     ("rand_chacha", &["watermark/codeword"]),
     ("hkdf", &["keys"]),
-    ("parry3d_f64", &["mesh"]),
+    ("parry3d_f64", &["mesh", "registration"]),
 ];
 
 /// Words that have no place in a pure module.
 const IMPURE: &[&str] =
     &["std::fs", "std::net", "std::time", "std::env", "tokio", "async fn", "getrandom", "tracing"];
-const PURE: &[&str] = &["mesh", "watermark", "marking", "sample", "formats"];
+const PURE: &[&str] = &["mesh", "watermark", "registration", "marking", "sample", "formats"];
 
 /// Code alone: without comments, texts and tests (which may use samples and libraries freely).
 fn code_of(source: &str) -> String {

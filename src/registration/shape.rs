@@ -1,0 +1,93 @@
+//! A surface made ready for registration, as host or as suspect.
+
+use glam::{DQuat, DVec3};
+use rayon::slice::ParallelSliceMut;
+
+use super::codes::{Code, Sense, connectivity, metric};
+use super::rings::Rings;
+use super::similarity::Similarity;
+use crate::mesh::surface::Surface;
+
+/// Rings that a twin's connectivity code looks at. One more costs a fragment more of its vertices
+/// (those near its border have no code), one less leaves too few codes that occur once.
+const RADIUS: usize = 2;
+
+/// What makes up a code.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Valences.
+    Connectivity,
+    /// Lengths.
+    Metric,
+}
+
+/// A code that occurs once in its mesh, and the vertex that has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Landmark {
+    /// The code.
+    pub code: Code,
+    /// The vertex.
+    pub vertex: u32,
+}
+
+/// A surface in a unit of its own: its box about the origin, with a diagonal of 1.
+#[derive(Debug, Clone)]
+pub struct Shape {
+    /// Carriers, in that unit.
+    pub positions: Vec<DVec3>,
+    /// Triangles over them.
+    pub triangles: Vec<[u32; 3]>,
+    /// Per carrier the first vertex of the file that stands for it.
+    pub first_vertex: Vec<u32>,
+    /// The neighbours around each carrier.
+    pub rings: Rings,
+    /// From the file's coordinates to the shape's own.
+    pub unit: Similarity,
+}
+
+impl Shape {
+    /// Takes a surface over. `None` if there is no triangle with area, more than a third of 2^32
+    /// triangles, or coordinates so large or so small that they cannot be brought to unit size.
+    #[must_use]
+    pub fn new(surface: Surface) -> Option<Self> {
+        u32::try_from(surface.triangles.len().checked_mul(3)?).ok()?;
+        let Surface { mut positions, triangles, first_vertex, .. } = surface;
+        let (mut low, mut high) = (*positions.first()?, *positions.first()?);
+        for &p in &positions {
+            (low, high) = (low.min(p), high.max(p));
+        }
+        let scale = (high - low).length().recip();
+        let middle = low + 0.5 * (high - low);
+        let unit = Similarity { scale, rotation: DQuat::IDENTITY, translation: -middle * scale };
+        if !unit.is_valid() || triangles.is_empty() {
+            return None;
+        }
+        for p in &mut positions {
+            *p = (*p - middle) * scale;
+        }
+        let rings = Rings::new(positions.len(), &triangles);
+        Some(Self { positions, triangles, first_vertex, rings, unit })
+    }
+
+    /// The codes of all carriers.
+    #[must_use]
+    pub fn codes(&self, kind: Kind, sense: Sense) -> Vec<Code> {
+        match kind {
+            Kind::Connectivity => connectivity(&self.rings, sense, RADIUS),
+            Kind::Metric => metric(&self.rings, &self.positions, sense),
+        }
+    }
+
+    /// The codes that occur once, by ascending hash.
+    #[must_use]
+    pub fn landmarks(&self, kind: Kind, sense: Sense) -> Vec<Landmark> {
+        let mut all: Vec<Landmark> = (0..)
+            .zip(self.codes(kind, sense))
+            .filter(|(_, code)| code.hash != 0)
+            .map(|(vertex, code)| Landmark { code, vertex })
+            .collect();
+        all.par_sort_unstable_by_key(|l| (l.code.hash, l.vertex));
+        let alone = all.chunk_by(|a, b| a.code.hash == b.code.hash).filter(|same| same.len() == 1);
+        alone.flatten().copied().collect()
+    }
+}

@@ -1,0 +1,311 @@
+//! Suspect vertices that are host vertices: found by their codes, agreed upon by a similarity, and
+//! grown from there over everything that is connected alike.
+//!
+//! A crop that was moved, turned, scaled, mirrored and renumbered is brought home exactly; with
+//! a mark, noise, smoothing or quantisation on it the pairs stay the same, and their disturbances
+//! average out. Does nothing for a surface that was tessellated anew.
+
+use std::collections::VecDeque;
+
+use super::codes::{Code, Sense};
+use super::consensus::{Consensus, consensus, refine};
+use super::rings::NONE;
+use super::shape::{Kind, Landmark, Shape};
+use super::similarity::{Pair, Similarity};
+
+/// A pair joins the others if it is nearer than this many of their medians.
+const NEAR: f64 = 8.0;
+
+/// And in any case if it is nearer than this share of the host's diagonal: exact copies have a
+/// median of nothing, and may have been written with six digits.
+const NEARNESS: f64 = 1e-5;
+
+/// The host's landmarks of both kinds, made once per host.
+#[derive(Debug, Clone)]
+pub struct Landmarks {
+    connectivity: Vec<Landmark>,
+    metric: Vec<Landmark>,
+}
+
+impl Landmarks {
+    /// Collects them.
+    #[must_use]
+    pub fn new(host: &Shape) -> Self {
+        Self {
+            connectivity: host.landmarks(Kind::Connectivity, Sense::Along),
+            metric: host.landmarks(Kind::Metric, Sense::Along),
+        }
+    }
+
+    fn of(&self, kind: Kind) -> &[Landmark] {
+        match kind {
+            Kind::Connectivity => &self.connectivity,
+            Kind::Metric => &self.metric,
+        }
+    }
+}
+
+/// A suspect that shares vertices with its host.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Twins {
+    /// From the suspect shape's coordinates to the host shape's.
+    pub similarity: Similarity,
+    /// Carriers that are one vertex: the suspect's, the host's. Ascending by the suspect's.
+    pub pairs: Vec<[u32; 2]>,
+    /// Median distance between the pairs, a share of the host's diagonal.
+    pub median: f64,
+}
+
+/// Finds the vertices that suspect and host share. `None` if there are not enough of them.
+#[must_use]
+pub fn twins(host: &Shape, landmarks: &Landmarks, suspect: &Shape) -> Option<Twins> {
+    let mut best: Option<(Consensus, Vec<Seed>, Sense)> = None;
+    // Files whose triangles wind the other way are rare, so they come last. Whether one is also
+    // a mirror image is another question: with or without its triangles turned over.
+    for (kind, sense) in [
+        (Kind::Connectivity, Sense::Along),
+        (Kind::Metric, Sense::Along),
+        (Kind::Connectivity, Sense::Against),
+        (Kind::Metric, Sense::Against),
+    ] {
+        let seeds = shared(&suspect.landmarks(kind, sense), landmarks.of(kind));
+        let points: Vec<Pair> = seeds.iter().map(|s| point_pair(host, suspect, s.pair)).collect();
+        let either = [false, true].map(|mirrored| consensus(&points, mirrored));
+        // A part that is nearly flat agrees with its mirror image nearly as well.
+        let Some(found) = either.into_iter().flatten().max_by_key(|c| c.inliers) else { continue };
+        let certain = found.inliers * 2 > seeds.len();
+        if best.as_ref().is_none_or(|(c, ..)| found.inliers > c.inliers) {
+            best = Some((found, seeds, sense));
+        }
+        if certain {
+            break;
+        }
+    }
+    let (found, seeds, sense) = best?;
+    Some(grown(host, suspect, &seeds, sense, &found))
+}
+
+/// Two vertices with the same code, and where in their rings it begins.
+#[derive(Debug, Clone, Copy)]
+struct Seed {
+    pair: [u32; 2],
+    begins: [u8; 2],
+}
+
+fn point_pair(host: &Shape, suspect: &Shape, [s, h]: [u32; 2]) -> Pair {
+    let (from, to) = (suspect.positions[s as usize], host.positions[h as usize]);
+    Pair { from, to, weight: 1.0 }
+}
+
+/// Joins two lists that ascend by hash.
+fn shared(suspect: &[Landmark], host: &[Landmark]) -> Vec<Seed> {
+    let mut rest = host;
+    let mut seeds = Vec::new();
+    for mark in suspect {
+        let passed = rest.iter().take_while(|l| l.code.hash < mark.code.hash).count();
+        rest = &rest[passed..];
+        if let Some(twin) = rest.first().filter(|l| l.code.hash == mark.code.hash) {
+            let begins = [mark.code.begin, twin.code.begin];
+            seeds.push(Seed { pair: [mark.vertex, twin.vertex], begins });
+        }
+    }
+    seeds
+}
+
+/// Grows the pairs and fits the similarity to all of them.
+fn grown(host: &Shape, suspect: &Shape, seeds: &[Seed], sense: Sense, found: &Consensus) -> Twins {
+    let mut growth = Growth::new(host, suspect, sense, found);
+    for &seed in seeds {
+        growth.sow(seed);
+    }
+    growth.spread();
+    let mut pairs = growth.pairs();
+    let points: Vec<Pair> = pairs.iter().map(|&p| point_pair(host, suspect, p)).collect();
+    let better = refine(&points, found.similarity).unwrap_or(*found);
+    // What grew under the first similarity may look wrong under the better one.
+    let limit = near(better.median);
+    pairs.retain(|&[s, h]| {
+        let from = better.similarity.apply(suspect.positions[s as usize]);
+        from.distance(host.positions[h as usize]) < limit
+    });
+    Twins { similarity: better.similarity, pairs, median: better.median }
+}
+
+fn near(median: f64) -> f64 {
+    (NEAR * median).max(NEARNESS)
+}
+
+/// Pairs that spread from vertex to vertex as long as both sides are connected alike.
+struct Growth<'a> {
+    host: &'a Shape,
+    suspect: &'a Shape,
+    sense: Sense,
+    /// The suspect's carriers in the host's coordinates.
+    placed: Vec<glam::DVec3>,
+    limit: f64,
+    host_of: Vec<u32>,
+    suspect_of: Vec<u32>,
+    /// Paired vertices and a dart of each that correspond.
+    queue: VecDeque<([u32; 2], [usize; 2])>,
+}
+
+impl<'a> Growth<'a> {
+    fn new(host: &'a Shape, suspect: &'a Shape, sense: Sense, found: &Consensus) -> Self {
+        Self {
+            host,
+            suspect,
+            sense,
+            placed: suspect.positions.iter().map(|&p| found.similarity.apply(p)).collect(),
+            limit: near(found.median),
+            host_of: vec![NONE; suspect.positions.len()],
+            suspect_of: vec![NONE; host.positions.len()],
+            queue: VecDeque::new(),
+        }
+    }
+
+    /// Pairs two vertices unless one is taken or they are too far apart; says whether it did.
+    fn pair(&mut self, [s, h]: [u32; 2]) -> bool {
+        let (i, j) = (s as usize, h as usize);
+        let free = self.host_of[i] == NONE && self.suspect_of[j] == NONE;
+        let fits = free && self.placed[i].distance(self.host.positions[j]) < self.limit;
+        if fits {
+            self.host_of[i] = h;
+            self.suspect_of[j] = s;
+        }
+        fits
+    }
+
+    fn sow(&mut self, Seed { pair: [s, h], begins }: Seed) {
+        if self.pair([s, h]) && !begins.contains(&Code::ANY) {
+            let [i, j] = begins.map(usize::from);
+            let darts = [self.suspect.rings.darts(s).start + i, self.host.rings.darts(h).start + j];
+            self.queue.push_back(([s, h], darts));
+        }
+    }
+
+    fn spread(&mut self) {
+        while let Some(([s, h], [i, j])) = self.queue.pop_front() {
+            let (ours, theirs) = (self.suspect.rings.darts(s), self.host.rings.darts(h));
+            let valence = ours.len();
+            if valence != theirs.len() {
+                continue;
+            }
+            for step in 0..valence {
+                let signed = if self.sense == Sense::Along { step } else { valence - step };
+                let dart = ours.start + (i - ours.start + signed) % valence;
+                let twin = theirs.start + (j - theirs.start + step) % valence;
+                let next = [self.suspect.rings.heads()[dart], self.host.rings.heads()[twin]];
+                let backs = [self.suspect.rings.backs()[dart], self.host.rings.backs()[twin]];
+                if self.pair(next) && !backs.contains(&NONE) {
+                    self.queue.push_back((next, backs.map(|b| b as usize)));
+                }
+            }
+        }
+    }
+
+    fn pairs(&self) -> Vec<[u32; 2]> {
+        let all = (0..).zip(&self.host_of).filter(|(_, h)| **h != NONE);
+        all.map(|(s, &h)| [s, h]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+    use crate::mesh::surface::Surface;
+    use crate::registration::codes::mix;
+    use crate::registration::similarity::tests::awkward;
+    use crate::sample::Sample;
+    use glam::DVec3;
+
+    fn shape(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Shape {
+        Shape::new(Surface::new(&Mesh::new(positions, triangles).unwrap())).unwrap()
+    }
+
+    /// Turns edges at random, so that valences vary as on a scan.
+    fn irregular(sample: Sample, vertices: u32) -> Mesh {
+        let mesh = sample.mesh(vertices).unwrap();
+        let mut triangles = mesh.triangles().to_vec();
+        // Quads come as [a, b, c], [a, c, d].
+        for (k, quad) in (0..).zip(triangles.chunks_exact_mut(2)) {
+            if let [[a, b, c], [_, _, d]] = *quad
+                && mix(k, 1) & 1 == 1
+            {
+                quad.copy_from_slice(&[[a, b, d], [b, c, d]]);
+            }
+        }
+        Mesh::new(mesh.positions().to_vec(), triangles).unwrap()
+    }
+
+    /// Keeps what lies beyond a plane, in another order and another place.
+    fn cropped(mesh: &Mesh, share: usize, place: &Similarity) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let normal = DVec3::new(0.3, -0.8, 0.5);
+        let mut heights: Vec<f64> = mesh.positions().iter().map(|p| p.dot(normal)).collect();
+        heights.sort_unstable_by(f64::total_cmp);
+        let plane = heights[heights.len() * share / 100];
+        let n = u32::try_from(mesh.positions().len()).unwrap();
+        let renumbered = |v: u32| n - 1 - v;
+        let keeps =
+            |t: &&[u32; 3]| t.iter().all(|&v| mesh.positions()[v as usize].dot(normal) >= plane);
+        let kept = mesh.triangles().iter().rev().filter(keeps);
+        let triangles = kept.map(|&[a, b, c]| [b, c, a].map(renumbered)).collect();
+        (mesh.positions().iter().rev().map(|&p| place.apply(p)).collect(), triangles)
+    }
+
+    fn centre_error(host: &Shape, suspect: &Shape, found: &Twins, place: &Similarity) -> f64 {
+        let there = place.apply(host.unit.inverse().apply(DVec3::ZERO));
+        found.similarity.apply(suspect.unit.apply(there)).length()
+    }
+
+    #[test]
+    fn fragments_come_home_exactly() {
+        let place = awkward(0.37);
+        let meshes = [Sample::Blob.mesh(6000).unwrap(), irregular(Sample::Knot, 6000)];
+        for mesh in meshes {
+            let host = shape(mesh.positions().to_vec(), mesh.triangles().to_vec());
+            for share in [10, 50, 80, 93] {
+                for mirrored in [false, true] {
+                    let place = Similarity { scale: if mirrored { -0.37 } else { 0.37 }, ..place };
+                    let (positions, triangles) = cropped(&mesh, share, &place);
+                    let suspect = shape(positions, triangles);
+                    let found = twins(&host, &Landmarks::new(&host), &suspect).unwrap();
+                    let error = centre_error(&host, &suspect, &found, &place);
+                    assert!(error < 1e-9, "{share}: {error:e}");
+                    assert!(found.pairs.len() * 100 > suspect.positions.len() * 95);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn noise_and_turned_triangles_do_not_matter_where_connectivity_speaks() {
+        let mesh = irregular(Sample::Knot, 10_000);
+        let host = shape(mesh.positions().to_vec(), mesh.triangles().to_vec());
+        let place = awkward(5.0);
+        let (mut positions, mut triangles) = cropped(&mesh, 50, &place);
+        // 0.25 % of the diagonal in each coordinate.
+        let amount = 0.005 * place.scale / host.unit.scale;
+        for (i, p) in (0..).zip(&mut positions) {
+            let word = |k: u64| (mix(3 * i + k, 7) >> 40) as f64 / f64::from(1 << 24) - 0.5;
+            *p += amount * DVec3::new(word(0), word(1), word(2));
+        }
+        for t in &mut triangles {
+            t.swap(0, 1);
+        }
+        let suspect = shape(positions, triangles);
+        let found = twins(&host, &Landmarks::new(&host), &suspect).unwrap();
+        let error = centre_error(&host, &suspect, &found, &place);
+        assert!(error < 1e-4, "{error:e}");
+        assert!(found.pairs.len() * 10 > suspect.positions.len() * 9, "{}", found.pairs.len());
+    }
+
+    #[test]
+    fn another_shape_has_no_twins() {
+        let host = irregular(Sample::Knot, 6000);
+        let host = shape(host.positions().to_vec(), host.triangles().to_vec());
+        let other = irregular(Sample::Blob, 6000);
+        let other = shape(other.positions().to_vec(), other.triangles().to_vec());
+        assert_eq!(twins(&host, &Landmarks::new(&host), &other), None);
+    }
+}
