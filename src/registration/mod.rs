@@ -12,6 +12,8 @@
 pub mod codes;
 pub mod consensus;
 pub mod linear;
+pub mod newton;
+pub mod polish;
 pub mod rings;
 pub mod shape;
 pub mod similarity;

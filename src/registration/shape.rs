@@ -6,7 +6,7 @@ use rayon::slice::ParallelSliceMut;
 use super::codes::{Code, Sense, connectivity, metric};
 use super::rings::Rings;
 use super::similarity::Similarity;
-use crate::mesh::surface::Surface;
+use crate::mesh::surface::{Surface, doubled_area};
 
 /// Rings that a twin's connectivity code looks at. One more costs a fragment more of its vertices
 /// (those near its border have no code), one less leaves too few codes that occur once.
@@ -39,6 +39,8 @@ pub struct Shape {
     pub triangles: Vec<[u32; 3]>,
     /// Per carrier the first vertex of the file that stands for it.
     pub first_vertex: Vec<u32>,
+    /// Per carrier the unit normal, its triangles' weighted by area; zero where they cancel out.
+    pub normals: Vec<DVec3>,
     /// The neighbours around each carrier.
     pub rings: Rings,
     /// From the file's coordinates to the shape's own.
@@ -66,7 +68,8 @@ impl Shape {
             *p = (*p - middle) * scale;
         }
         let rings = Rings::new(positions.len(), &triangles);
-        Some(Self { positions, triangles, first_vertex, rings, unit })
+        let normals = normals(&positions, &triangles);
+        Some(Self { positions, triangles, first_vertex, normals, rings, unit })
     }
 
     /// The codes of all carriers.
@@ -90,4 +93,16 @@ impl Shape {
         let alone = all.chunk_by(|a, b| a.code.hash == b.code.hash).filter(|same| same.len() == 1);
         alone.flatten().copied().collect()
     }
+}
+
+fn normals(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<DVec3> {
+    let mut normals = vec![DVec3::ZERO; positions.len()];
+    for t in triangles {
+        let [a, b, c] = t.map(|v| positions[v as usize]);
+        let area = doubled_area(a, b, c);
+        for &v in t {
+            normals[v as usize] += area;
+        }
+    }
+    normals.into_iter().map(DVec3::normalize_or_zero).collect()
 }

@@ -9,6 +9,7 @@ use std::collections::VecDeque;
 
 use super::codes::{Code, Sense};
 use super::consensus::{Consensus, consensus, refine};
+use super::polish::{Contact, polish};
 use super::rings::NONE;
 use super::shape::{Kind, Landmark, Shape};
 use super::similarity::{Pair, Similarity};
@@ -122,13 +123,22 @@ fn grown(host: &Shape, suspect: &Shape, seeds: &[Seed], sense: Sense, found: &Co
     let mut pairs = growth.pairs();
     let points: Vec<Pair> = pairs.iter().map(|&p| point_pair(host, suspect, p)).collect();
     let better = refine(&points, found.similarity).unwrap_or(*found);
+    let contacts: Vec<Contact> = pairs.iter().filter_map(|&p| contact(host, suspect, p)).collect();
+    let similarity = polish(&contacts, better.similarity);
     // What grew under the first similarity may look wrong under the better one.
     let limit = near(better.median);
-    pairs.retain(|&[s, h]| {
-        let from = better.similarity.apply(suspect.positions[s as usize]);
-        from.distance(host.positions[h as usize]) < limit
+    pairs.retain(|&pair| {
+        let Pair { from, to, .. } = point_pair(host, suspect, pair);
+        similarity.apply(from).distance(to) < limit
     });
-    Twins { similarity: better.similarity, pairs, median: better.median }
+    Twins { similarity, pairs, median: better.median }
+}
+
+/// A pair with the normal there; none where the host has no normal.
+fn contact(host: &Shape, suspect: &Shape, pair: [u32; 2]) -> Option<Contact> {
+    let Pair { from, to, .. } = point_pair(host, suspect, pair);
+    let normal = host.normals[pair[1] as usize];
+    normal.is_normalized().then_some(Contact { from, to, normal })
 }
 
 fn near(median: f64) -> f64 {
