@@ -18,98 +18,20 @@ use quadmark::formats::{Asset, Limits};
 use quadmark::marking::{MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
-use quadmark::registration::shape::Shape;
-use quadmark::registration::similarity::Similarity;
-use quadmark::registration::twins::{Landmarks, twins};
+use quadmark::registration::{
+    Alignment, Effort, PreparedHost, PreparedSuspect, Shape, Similarity, register,
+};
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message};
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
+#[path = "support/attacks.rs"]
+mod attacks;
+
+use attacks::{clustered, cropped, direction, noise, quantised, smoothed};
+
 const SUCCESS: f64 = 5e-4;
-
-/// Uniform in [-1, 1).
-fn uniform(random: &mut ChaCha20Rng) -> f64 {
-    f64::from(random.next_u32()) / f64::from(1_u32 << 31) - 1.0
-}
-
-fn direction(random: &mut ChaCha20Rng) -> DVec3 {
-    loop {
-        let d = DVec3::from_array(std::array::from_fn(|_| uniform(random)));
-        if d.length() < 1.0 && d.length() > 0.01 {
-            return d.normalize();
-        }
-    }
-}
-
-fn moved(mesh: &Mesh, new: impl FnMut(&DVec3) -> DVec3) -> Mesh {
-    Mesh::new(mesh.positions().iter().map(new).collect(), mesh.triangles().to_vec()).unwrap()
-}
-
-/// The paper's eq. 23.
-fn noise(mesh: &Mesh, share: f64, random: &mut ChaCha20Rng) -> Mesh {
-    let middle = mesh.positions().iter().sum::<DVec3>() / mesh.positions().len() as f64;
-    let size = mesh.positions().iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
-    moved(mesh, |p| p + share * size * direction(random))
-}
-
-fn quantised(mesh: &Mesh, bits: i32) -> Mesh {
-    let low = mesh.positions().iter().copied().reduce(DVec3::min).unwrap();
-    let high = mesh.positions().iter().copied().reduce(DVec3::max).unwrap();
-    let step = (high - low).max_element() / (2_f64.powi(bits) - 1.0);
-    moved(mesh, |&p| low + ((p - low) / step).round() * step)
-}
-
-/// Laplacian smoothing, 0.5, so many times.
-fn smoothed(mesh: &Mesh, times: usize) -> Mesh {
-    let mut positions = mesh.positions().to_vec();
-    for _ in 0..times {
-        let mut sums = vec![(DVec3::ZERO, 0.0); positions.len()];
-        for t in mesh.triangles() {
-            for k in 0..3 {
-                let (a, b) = (t[k] as usize, t[(k + 1) % 3] as usize);
-                sums[a] = (sums[a].0 + positions[b], sums[a].1 + 1.0);
-                sums[b] = (sums[b].0 + positions[a], sums[b].1 + 1.0);
-            }
-        }
-        for (p, (sum, count)) in positions.iter_mut().zip(sums) {
-            if count > 0.0 {
-                *p = 0.5 * *p + 0.5 * sum / count;
-            }
-        }
-    }
-    Mesh::new(positions, mesh.triangles().to_vec()).unwrap()
-}
-
-/// Keeps the given share of the vertices, beyond a plane.
-fn cropped(mesh: &Mesh, kept: f64, random: &mut ChaCha20Rng) -> Mesh {
-    let normal = direction(random);
-    let mut heights: Vec<f64> = mesh.positions().iter().map(|p| p.dot(normal)).collect();
-    heights.sort_unstable_by(f64::total_cmp);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a rank")]
-    let plane = heights[(heights.len() as f64 * (1.0 - kept)) as usize];
-    let beyond = |v: u32| mesh.positions()[v as usize].dot(normal) >= plane;
-    let triangles = mesh.triangles().iter().copied().filter(|t| t.iter().all(|&v| beyond(v)));
-    Mesh::new(mesh.positions().to_vec(), triangles.collect()).unwrap()
-}
-
-/// Every second vertex pulled together with a neighbour: a tessellation of its own with about
-/// half of the vertices.
-fn clustered(mesh: &Mesh, cells: f64) -> Mesh {
-    let low = mesh.positions().iter().copied().reduce(DVec3::min).unwrap();
-    let high = mesh.positions().iter().copied().reduce(DVec3::max).unwrap();
-    let size = (high - low).max_element() / cells;
-    let cell = |p: &DVec3| ((*p - low) / size).floor().to_array().map(|x| x.to_bits());
-    let mut sums = std::collections::BTreeMap::new();
-    for p in mesh.positions() {
-        let sum = sums.entry(cell(p)).or_insert((DVec3::ZERO, 0.0));
-        *sum = (sum.0 + *p, sum.1 + 1.0);
-    }
-    moved(mesh, |p| {
-        let (sum, count) = sums[&cell(p)];
-        sum / count
-    })
-}
 
 type Attack = (&'static str, fn(&Mesh, &mut ChaCha20Rng) -> Mesh);
 
@@ -185,9 +107,9 @@ fn main() {
         let surface = Surface::new(&mesh);
         let (centre, diagonal) = (surface.centre(), surface.diagonal());
         let start = Instant::now();
-        let host = Shape::new(surface).unwrap();
-        let landmarks = Landmarks::new(&host);
-        println!("{name}: {} vertices, prepared in {:.2?}", host.positions.len(), start.elapsed());
+        let host = PreparedHost::new(Shape::new(surface).unwrap());
+        let vertices = host.shape().positions.len();
+        println!("{name}: {vertices} vertices, prepared in {:.2?}", start.elapsed());
         let marked = marked(&bytes);
         for (attack, apply) in ATTACKS {
             let mut random = ChaCha20Rng::from_seed([1; 32]);
@@ -198,26 +120,23 @@ fn main() {
             };
             let suspect = shuffled(&apply(&marked, &mut random), &place, &mut random);
             let start = Instant::now();
-            let suspect = Shape::new(Surface::new(&suspect)).unwrap();
-            let found = twins(&host, &landmarks, &suspect);
+            let suspect = PreparedSuspect::new(Shape::new(Surface::new(&suspect)).unwrap());
+            let found = register(&host, &suspect, Effort::Whole);
             let time = start.elapsed().as_secs_f64();
-            let Some(found) = found else {
-                println!("  {attack:25} not found                    {time:6.2} s");
+            let Some(Alignment { similarity, basis, overlap, rms, pairs }) = found.first() else {
+                println!("  {attack:25} not found  {time:6.2} s");
                 continue;
             };
-            let home = suspect.unit.then(&found.similarity).then(&host.unit.inverse());
-            let error = home.apply(place.apply(centre)).distance(centre) / diagonal;
-            let all = place.then(&home);
+            let error = similarity.apply(place.apply(centre)).distance(centre) / diagonal;
+            let all = place.then(similarity);
             println!(
-                "  {attack:25} {} centre {:9.6} %  rotation {:.1e} deg  scale {:.1e}  \
-                 {:6} of {} pairs, median {:.1e}  {time:6.2} s",
+                "  {attack:25} {} centre {:9.6} %  rotation {:.1e} deg  scale {:.1e}  {basis:?} \
+                 overlap {overlap:.3}  rms {rms:.1e}  {} pairs  {time:.2} s",
                 if error < SUCCESS { "ok " } else { "BAD" },
                 100.0 * error,
-                2.0 * all.rotation.xyz().length().asin().to_degrees(),
+                2.0 * all.rotation.xyz().length().min(1.0).asin().to_degrees(),
                 (all.scale - 1.0).abs(),
-                found.pairs.len(),
-                suspect.positions.len(),
-                found.median,
+                pairs.len(),
             );
         }
     }

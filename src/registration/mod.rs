@@ -4,17 +4,31 @@
 //! smoothed or tessellated anew. In reading order: [`shape`] (a surface made ready), [`rings`]
 //! and [`codes`] (what a crop leaves untouched: the connectivity and proportions around each
 //! vertex), [`similarity`] and [`consensus`] (from pairs of points to a similarity), [`twins`]
-//! (suspect vertices that are host vertices).
+//! (suspect vertices that are host vertices); [`sketch`] and [`index`] (which hosts to try).
 //!
 //! Pure: knows geometry alone. Must not know codewords or anything that depends on one, for the
 //! bound on false positives rests on that: what is found here may be scored, and counts once.
 
+pub mod align;
 pub mod codes;
 pub mod consensus;
+pub mod index;
 pub mod linear;
+pub mod moments;
+pub mod nearest;
 pub mod newton;
+pub mod outline;
 pub mod polish;
+pub mod register;
 pub mod rings;
+pub mod scatter;
 pub mod shape;
 pub mod similarity;
+pub mod sketch;
 pub mod twins;
+
+pub use index::{GeometryIndex, Hit, Likeness};
+pub use register::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect, in_place, register};
+pub use shape::Shape;
+pub use similarity::Similarity;
+pub use sketch::{Probe, Sketch};

@@ -123,8 +123,7 @@ fn grown(host: &Shape, suspect: &Shape, seeds: &[Seed], sense: Sense, found: &Co
     let mut pairs = growth.pairs();
     let points: Vec<Pair> = pairs.iter().map(|&p| point_pair(host, suspect, p)).collect();
     let better = refine(&points, found.similarity).unwrap_or(*found);
-    let contacts: Vec<Contact> = pairs.iter().filter_map(|&p| contact(host, suspect, p)).collect();
-    let similarity = polish(&contacts, better.similarity);
+    let similarity = polish(&contacts(host, suspect, &pairs), better.similarity);
     // What grew under the first similarity may look wrong under the better one.
     let limit = near(better.median);
     pairs.retain(|&pair| {
@@ -134,11 +133,15 @@ fn grown(host: &Shape, suspect: &Shape, seeds: &[Seed], sense: Sense, found: &Co
     Twins { similarity, pairs, median: better.median }
 }
 
-/// A pair with the normal there; none where the host has no normal.
-fn contact(host: &Shape, suspect: &Shape, pair: [u32; 2]) -> Option<Contact> {
-    let Pair { from, to, .. } = point_pair(host, suspect, pair);
-    let normal = host.normals[pair[1] as usize];
-    normal.is_normalized().then_some(Contact { from, to, normal })
+/// The pairs with the host's normals there, without those where it has none.
+#[must_use]
+pub fn contacts(host: &Shape, suspect: &Shape, pairs: &[[u32; 2]]) -> Vec<Contact> {
+    let contact = |&pair: &[u32; 2]| {
+        let Pair { from, to, .. } = point_pair(host, suspect, pair);
+        let normal = host.normals[pair[1] as usize];
+        normal.is_normalized().then_some(Contact { from, to, normal })
+    };
+    pairs.iter().filter_map(contact).collect()
 }
 
 fn near(median: f64) -> f64 {

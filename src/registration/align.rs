@@ -1,0 +1,189 @@
+//! Trimmed alignment of a suspect to its host's surface, from a rough similarity to a fine one:
+//! iterated closest points with point-to-plane distances and scale (Chen and Medioni 1992; Du et
+//! al. 2010 for the scale; Chetverikov et al. 2005 for the trimming).
+//!
+//! For suspects whose vertices are no longer the host's. Each round places points of the suspect,
+//! drops those too far from the host or on a surface that faces elsewhere (what was added, or what
+//! the hypothesis has wrong), and takes one Newton step.
+
+use glam::DVec3;
+use parry3d_f64::math::Vector;
+use parry3d_f64::query::PointQueryWithLocation;
+use parry3d_f64::shape::TriMesh;
+use rayon::prelude::*;
+
+use super::newton::Equations;
+use super::scatter::Point;
+use super::shape::Shape;
+use super::similarity::Similarity;
+use crate::mesh::surface::doubled_area;
+
+/// Points whose normals differ by more than 60 degrees do not lie on the same surface.
+const SAME_SIDE: f64 = 0.5;
+
+/// A host's surface, to be searched for its closest points.
+pub struct Target {
+    surface: TriMesh,
+    normals: Vec<DVec3>,
+}
+
+/// How well a suspect lies on its host.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fit {
+    /// From the suspect shape's coordinates to the host shape's.
+    pub similarity: Similarity,
+    /// Share of the suspect's points on the host's surface, within the last reach.
+    pub overlap: f64,
+    /// Root mean square of these points' distances, a share of the host's diagonal.
+    pub rms: f64,
+}
+
+/// A suspect's point on the host.
+struct Touch {
+    placed: DVec3,
+    closest: DVec3,
+    normal: DVec3,
+}
+
+impl Target {
+    /// Builds the search tree: about a second per million triangles. `None` if the surface cannot
+    /// be searched.
+    #[must_use]
+    pub fn new(host: &Shape) -> Option<Self> {
+        let points = host.positions.iter().map(|p| Vector::new(p.x, p.y, p.z)).collect();
+        let surface = TriMesh::new(points, host.triangles.clone()).ok()?;
+        let normal = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| host.positions[v as usize]);
+            doubled_area(a, b, c).normalize_or_zero()
+        };
+        Some(Self { surface, normals: host.triangles.par_iter().map(normal).collect() })
+    }
+
+    /// The closest place of the host, if it is within `reach` and faces the same way.
+    fn touch(&self, s: &Similarity, point: &Point, reach: f64) -> Option<Touch> {
+        let placed = s.apply(point.position);
+        let at = Vector::new(placed.x, placed.y, placed.z);
+        let (found, (triangle, _)) =
+            self.surface.project_local_point_and_get_location_with_max_dist(at, false, reach)?;
+        let closest = DVec3::new(found.point.x, found.point.y, found.point.z);
+        let normal = *self.normals.get(usize::try_from(triangle).ok()?)?;
+        let along = (s.rotation * point.normal).dot(normal);
+        // A mirror image has its triangles the other way around, or has had them turned over.
+        let faces = if s.scale < 0.0 { along.abs() } else { along } > SAME_SIDE;
+        let near = placed.distance(closest) < reach;
+        (faces && near).then_some(Touch { placed, closest, normal })
+    }
+
+    /// The triangle that is closest to `p`.
+    #[must_use]
+    pub fn triangle(&self, p: DVec3) -> Option<usize> {
+        let at = Vector::new(p.x, p.y, p.z);
+        let (_, (triangle, _)) =
+            self.surface.project_local_point_and_get_location_with_max_dist(at, false, f64::MAX)?;
+        usize::try_from(triangle).ok()
+    }
+
+    fn touches(&self, s: &Similarity, points: &[Point], reach: f64) -> Vec<Touch> {
+        let points = points.par_iter().with_min_len(256);
+        points.filter_map(|p| self.touch(s, p, reach)).collect()
+    }
+
+    /// How well `points` of a suspect lie on the host where `similarity` puts them.
+    #[must_use]
+    pub fn judge(&self, similarity: &Similarity, points: &[Point], reach: f64) -> Fit {
+        let touches = self.touches(similarity, points, reach);
+        let squares: f64 = touches.iter().map(|t| t.placed.distance_squared(t.closest)).sum();
+        let count = touches.len() as f64;
+        Fit {
+            similarity: *similarity,
+            overlap: count / points.len().max(1) as f64,
+            rms: (squares / count.max(1.0)).sqrt(),
+        }
+    }
+
+    /// Newton steps from `start`, with a reach that shrinks from `reaches.start` to `reaches.end`
+    /// (shares of the host's diagonal) over `rounds`.
+    #[must_use]
+    pub fn align(
+        &self,
+        start: &Similarity,
+        points: &[Point],
+        reaches: std::ops::Range<f64>,
+        rounds: u32,
+    ) -> Fit {
+        let mut now = *start;
+        let shrink = (reaches.end / reaches.start).powf(1.0 / f64::from(rounds.max(2) - 1));
+        let mut reach = reaches.start;
+        for _ in 0..rounds {
+            let touches = self.touches(&now, points, reach);
+            // Scale is held until the pose is about right: too few touching points pull it to zero.
+            let scaled = touches.len() * 4 > points.len();
+            let cut = robust_cut(&touches, reach);
+            let equations = touches.iter().fold(Equations::default(), |mut equations, t| {
+                let share = (t.placed - t.closest).dot(t.normal).abs() / cut;
+                if share < 1.0 {
+                    let weight = (1.0 - share * share).powi(2);
+                    equations.add(t.closest, t.placed, t.normal, weight);
+                }
+                equations
+            });
+            let Some(next) = equations.improved(&now, scaled) else { break };
+            if !(0.3..3.0).contains(&(next.scale / start.scale)) {
+                break;
+            }
+            now = next;
+            reach *= shrink;
+        }
+        self.judge(&now, points, reaches.end)
+    }
+}
+
+/// Distance off the surface beyond which a touch does not count: Tukey's 4.685 standard deviations,
+/// estimated by the median.
+fn robust_cut(touches: &[Touch], reach: f64) -> f64 {
+    let mut distances: Vec<f64> =
+        touches.iter().map(|t| (t.placed - t.closest).dot(t.normal).abs()).collect();
+    let middle = distances.len() / 2;
+    if distances.is_empty() {
+        return reach;
+    }
+    let (_, &mut median, _) = distances.select_nth_unstable_by(middle, f64::total_cmp);
+    (median / 0.6745 * 4.685).clamp(1e-12, reach)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::surface::Surface;
+    use crate::registration::scatter::scatter;
+    use crate::sample::Sample;
+    use glam::DQuat;
+
+    fn shape(vertices: u32) -> Shape {
+        Shape::new(Surface::new(&Sample::Blob.mesh(vertices).unwrap())).unwrap()
+    }
+
+    #[test]
+    fn another_tessellation_comes_home_from_a_rough_guess() {
+        let (host, suspect) = (shape(8000), shape(5000));
+        let target = Target::new(&host).unwrap();
+        let points = scatter(&suspect, 4000);
+        let truth = suspect.unit.inverse().then(&host.unit);
+        let off = Similarity {
+            scale: 1.04,
+            rotation: DQuat::from_scaled_axis(DVec3::new(0.08, -0.05, 0.03)),
+            translation: DVec3::new(0.01, 0.02, -0.01),
+        };
+        let found = target.align(&truth.then(&off), &points, 0.1..0.01, 25);
+        let error = found.similarity.apply(DVec3::ZERO).distance(truth.apply(DVec3::ZERO));
+        assert!(error < 1e-4 && found.overlap > 0.99 && found.rms < 1e-3, "{error:e} {found:?}");
+    }
+
+    #[test]
+    fn nothing_near_is_no_overlap() {
+        let host = shape(1000);
+        let away = Similarity { translation: DVec3::splat(5.0), ..Similarity::IDENTITY };
+        let found = Target::new(&host).unwrap().align(&away, &scatter(&host, 500), 0.1..0.01, 5);
+        assert_eq!((found.overlap, found.similarity), (0.0, away));
+    }
+}

@@ -1,0 +1,86 @@
+//! Rough similarities for a suspect that is a whole: centre on centre, main axes on main axes.
+
+use glam::{DMat3, DQuat, DVec3};
+
+use super::linear::eigen;
+use super::scatter::Point;
+use super::similarity::Similarity;
+
+/// Centre, size and main axes of points.
+struct Moments {
+    centre: DVec3,
+    size: f64,
+    axes: DMat3,
+}
+
+fn moments(points: &[Point]) -> Option<Moments> {
+    let share = 1.0 / points.len().max(1) as f64;
+    let centre = points.iter().map(|p| p.position).sum::<DVec3>() * share;
+    let mut covariance = [[0.0; 3]; 3];
+    for p in points {
+        let d = (p.position - centre).to_array();
+        for (row, x) in covariance.iter_mut().zip(d) {
+            row.iter_mut().zip(d).for_each(|(entry, y)| *entry += share * x * y);
+        }
+    }
+    let (values, vectors) = eigen(covariance);
+    let mut order = [0, 1, 2];
+    order.sort_by(|&i, &j| values[j].total_cmp(&values[i]));
+    let [x, y, _] = order.map(|k| DVec3::from_array(vectors[k]));
+    let size = values.iter().sum::<f64>().sqrt();
+    let axes = DMat3::from_cols(x, y, x.cross(y));
+    (size.is_normal() && axes.is_finite()).then_some(Moments { centre, size, axes })
+}
+
+/// The similarities that bring the moments of `suspect` onto those of `host`: the 24 turns that
+/// take axes to axes, since where two moments are alike their order means nothing; those that keep
+/// the order come first.
+#[must_use]
+pub fn by_moments(host: &[Point], suspect: &[Point], mirrored: bool) -> Vec<Similarity> {
+    let (Some(h), Some(s)) = (moments(host), moments(suspect)) else { return Vec::new() };
+    let scale = if mirrored { -h.size / s.size } else { h.size / s.size };
+    let place = |turn: DMat3| {
+        let rotation = DQuat::from_mat3(&(h.axes * turn * s.axes.transpose())).normalize();
+        let translation = h.centre - rotation * s.centre * scale;
+        Similarity { scale, rotation, translation }
+    };
+    turns().into_iter().map(place).filter(Similarity::is_valid).collect()
+}
+
+/// The 24 rotations of the cube.
+fn turns() -> Vec<DMat3> {
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+    let orders = [[0, 1], [1, 0], [0, 2], [2, 1], [1, 2], [2, 0]];
+    let signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
+    let turn = |[i, j]: [usize; 2], (a, b): (f64, f64)| {
+        let (x, y) = (a * axes[i], b * axes[j]);
+        DMat3::from_cols(x, y, x.cross(y))
+    };
+    orders.into_iter().flat_map(|order| signs.map(|sign| turn(order, sign))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::surface::Surface;
+    use crate::registration::scatter::scatter;
+    use crate::registration::shape::Shape;
+    use crate::registration::similarity::tests::awkward;
+    use crate::sample::Sample;
+
+    #[test]
+    fn one_of_the_turns_is_the_right_one() {
+        let shape = Shape::new(Surface::new(&Sample::Blob.mesh(3000).unwrap())).unwrap();
+        let host = scatter(&shape, 3000);
+        for scale in [0.3, -4.0] {
+            let place = awkward(scale);
+            let moved = |p: &Point| Point { position: place.apply(p.position), ..*p };
+            let suspect: Vec<Point> = host.iter().map(moved).collect();
+            let found = by_moments(&host, &suspect, scale < 0.0);
+            assert_eq!(found.len(), 24);
+            let error = |s: &Similarity| s.apply(place.apply(DVec3::ONE)).distance(DVec3::ONE);
+            assert_eq!(found.iter().filter(|s| error(s) < 1e-9).count(), 1);
+        }
+        assert!(by_moments(&host, &[], false).is_empty());
+    }
+}

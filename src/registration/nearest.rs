@@ -1,0 +1,45 @@
+//! Vertices of an aligned suspect that lie on vertices of its host.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::align::Target;
+use super::rings::NONE;
+use super::shape::Shape;
+use super::similarity::Similarity;
+
+/// Vertices farther apart than this share of the shortest edge between the host's vertex and the
+/// corners beside it may be anyone's.
+const OWN: f64 = 0.5;
+
+/// Pairs (suspect's carrier, host's carrier) that are nearest to each other among those that meet,
+/// ascending by the first.
+#[must_use]
+pub fn mutual(host: &Shape, target: &Target, suspect: &Shape, s: &Similarity) -> Vec<[u32; 2]> {
+    let corner = |p: &DVec3| -> Option<(u32, f64)> {
+        let placed = s.apply(*p);
+        let corners = host.triangles.get(target.triangle(placed)?)?;
+        let at = |v: u32| host.positions[v as usize];
+        let distances = corners.map(|v| (v, at(v).distance(placed)));
+        let best = distances.into_iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let others = corners.iter().filter(|&&v| v != best.0);
+        let edge = others.map(|&v| at(v).distance(at(best.0))).fold(f64::INFINITY, f64::min);
+        (best.1 < OWN * edge).then_some(best)
+    };
+    let nearest: Vec<Option<(u32, f64)>> =
+        suspect.positions.par_iter().with_min_len(1024).map(corner).collect();
+    let mut suspect_of = vec![(NONE, f64::INFINITY); host.positions.len()];
+    for (vertex, found) in (0..).zip(&nearest) {
+        if let Some((corner, distance)) = *found {
+            let holder = &mut suspect_of[corner as usize];
+            if distance < holder.1 {
+                *holder = (vertex, distance);
+            }
+        }
+    }
+    let holds = |(vertex, found): (u32, &Option<(u32, f64)>)| {
+        let (corner, _) = (*found)?;
+        (suspect_of[corner as usize].0 == vertex).then_some([vertex, corner])
+    };
+    (0..).zip(&nearest).filter_map(holds).collect()
+}

@@ -1,0 +1,303 @@
+//! The whole way: from a host and a suspect to the similarities that bring the one home to the
+//! other.
+
+use std::sync::OnceLock;
+
+use super::align::{Fit, Target};
+use super::moments::by_moments;
+use super::nearest::mutual;
+use super::polish::polish;
+use super::scatter::{Point, scatter};
+use super::shape::Shape;
+use super::similarity::Similarity;
+use super::twins::{Landmarks, Twins, contacts, twins};
+
+/// Points of the suspect that judge hypotheses, and those that the final alignment goes by.
+const JUDGES: usize = 300;
+const ALIGNED: usize = 3000;
+const REFINED: usize = 20_000;
+
+/// Distance at which a hypothesis' point counts as on the host, a share of the diagonal; the same
+/// once it is aligned.
+const ROUGH: f64 = 0.08;
+const FINE: f64 = 0.01;
+
+/// Hypotheses that are aligned, and that are returned.
+const ALIGNED_HYPOTHESES: usize = 6;
+const RETURNED: usize = 3;
+
+/// Twins that make up this share of the suspect leave nothing to search for.
+const TWINS_SUFFICE: f64 = 0.2;
+
+/// Overlap from which an alignment is worth telling.
+const LEAST_OVERLAP: f64 = 0.5;
+
+/// How hard to try.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Effort {
+    /// Shared vertices only: fractions of a second, and nothing where the tessellation is new.
+    Twins,
+    /// Also wholes that were tessellated anew.
+    Whole,
+    /// Also mirrored wholes.
+    Thorough,
+}
+
+/// What an alignment rests on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Basis {
+    /// The file's own coordinates, which were kept.
+    InPlace,
+    /// Vertices that suspect and host share.
+    Twins,
+    /// The surface.
+    Surface,
+}
+
+/// A suspect brought home.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alignment {
+    /// From the suspect file's coordinates to the host file's.
+    pub similarity: Similarity,
+    /// What it rests on.
+    pub basis: Basis,
+    /// Share of the suspect that lies on the host: of its carriers that are paired, or of its area.
+    pub overlap: f64,
+    /// Root mean square distance over that share, relative to the host's diagonal.
+    pub rms: f64,
+    /// Carriers of the suspect and of the host that are one vertex, ascending by the first.
+    pub pairs: Vec<[u32; 2]>,
+}
+
+/// A host made ready; worth keeping while several suspects are compared with it.
+pub struct PreparedHost {
+    shape: Shape,
+    landmarks: Landmarks,
+    points: Vec<Point>,
+    /// Built when first asked for: twins do without.
+    target: OnceLock<Option<Target>>,
+}
+
+/// A suspect made ready.
+pub struct PreparedSuspect {
+    shape: Shape,
+    points: Vec<Point>,
+}
+
+impl PreparedHost {
+    /// Takes a shape over.
+    #[must_use]
+    pub fn new(shape: Shape) -> Self {
+        let (landmarks, points) = (Landmarks::new(&shape), scatter(&shape, ALIGNED));
+        Self { shape, landmarks, points, target: OnceLock::new() }
+    }
+
+    /// Its shape.
+    #[must_use]
+    pub fn shape(&self) -> &Shape {
+        &self.shape
+    }
+
+    fn target(&self) -> Option<&Target> {
+        self.target.get_or_init(|| Target::new(&self.shape)).as_ref()
+    }
+}
+
+impl PreparedSuspect {
+    /// Takes a shape over.
+    #[must_use]
+    pub fn new(shape: Shape) -> Self {
+        let points = scatter(&shape, ALIGNED);
+        Self { shape, points }
+    }
+
+    /// Its shape.
+    #[must_use]
+    pub fn shape(&self) -> &Shape {
+        &self.shape
+    }
+
+    /// About so many of its points, spread over all of it.
+    fn some(&self, count: usize) -> Vec<Point> {
+        self.points.iter().step_by((self.points.len() / count).max(1)).copied().collect()
+    }
+}
+
+/// The similarities under which `suspect` is a part of `host`, best first; few, and none where
+/// there is nothing in common.
+#[must_use]
+pub fn register(host: &PreparedHost, suspect: &PreparedSuspect, effort: Effort) -> Vec<Alignment> {
+    if let Some(found) = twins(&host.shape, &host.landmarks, &suspect.shape) {
+        let alignment = from_twins(host, suspect, found);
+        if alignment.overlap > TWINS_SUFFICE || effort == Effort::Twins {
+            return vec![alignment];
+        }
+        let mut all = by_surface(host, suspect, effort);
+        all.retain(|other| other.overlap > 2.0 * alignment.overlap);
+        all.push(alignment);
+        return all;
+    }
+    if effort == Effort::Twins { Vec::new() } else { by_surface(host, suspect, effort) }
+}
+
+/// The alignment of a suspect that kept its host's coordinates, refined if `refined`. `None` if it
+/// does not lie on the host.
+#[must_use]
+pub fn in_place(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    refined: bool,
+) -> Option<Alignment> {
+    let start = suspect.shape.unit.inverse().then(&host.shape.unit);
+    let target = host.target()?;
+    let found = target.judge(&start, &suspect.points, FINE);
+    if found.overlap < LEAST_OVERLAP {
+        return None;
+    }
+    let found = if refined {
+        finish(host, suspect, target, &found)
+    } else {
+        to_files(host, suspect, &found)
+    };
+    Some(Alignment { basis: Basis::InPlace, ..found })
+}
+
+fn from_twins(host: &PreparedHost, suspect: &PreparedSuspect, found: Twins) -> Alignment {
+    let Twins { similarity, pairs, .. } = found;
+    let squared = |&[s, h]: &[u32; 2]| {
+        let from = similarity.apply(suspect.shape.positions[s as usize]);
+        from.distance_squared(host.shape.positions[h as usize])
+    };
+    let squares: f64 = pairs.iter().map(squared).sum();
+    Alignment {
+        similarity: suspect.shape.unit.then(&similarity).then(&host.shape.unit.inverse()),
+        basis: Basis::Twins,
+        overlap: pairs.len() as f64 / suspect.shape.positions.len() as f64,
+        rms: (squares / pairs.len().max(1) as f64).sqrt(),
+        pairs,
+    }
+}
+
+fn to_files(host: &PreparedHost, suspect: &PreparedSuspect, fit: &Fit) -> Alignment {
+    Alignment {
+        similarity: suspect.shape.unit.then(&fit.similarity).then(&host.shape.unit.inverse()),
+        basis: Basis::Surface,
+        overlap: fit.overlap,
+        rms: fit.rms,
+        pairs: Vec::new(),
+    }
+}
+
+fn by_surface(host: &PreparedHost, suspect: &PreparedSuspect, effort: Effort) -> Vec<Alignment> {
+    let Some(target) = host.target() else { return Vec::new() };
+    let judges = suspect.some(JUDGES);
+    let mut guesses = by_moments(&host.points, &suspect.points, false);
+    if effort >= Effort::Thorough {
+        guesses.extend(by_moments(&host.points, &suspect.points, true));
+    }
+    let mut judged: Vec<Fit> =
+        guesses.iter().map(|guess| target.judge(guess, &judges, ROUGH)).collect();
+    best_first(&mut judged);
+    let mut aligned: Vec<Fit> = judged
+        .iter()
+        .take(ALIGNED_HYPOTHESES)
+        .map(|guess| target.align(&guess.similarity, &judges, ROUGH..2.0 * FINE, 12))
+        .collect();
+    best_first(&mut aligned);
+    let mut fits: Vec<Fit> = aligned
+        .iter()
+        .take(RETURNED)
+        .map(|fit| target.align(&fit.similarity, &suspect.points, ROUGH..FINE, 15))
+        .filter(|fit| fit.overlap > LEAST_OVERLAP)
+        .collect();
+    best_first(&mut fits);
+    distinct(&mut fits);
+    fits.iter().map(|fit| finish(host, suspect, target, fit)).collect()
+}
+
+/// More overlap first; of equal overlaps the closer.
+fn best_first(fits: &mut [Fit]) {
+    let merit = |fit: &Fit| fit.overlap * (1.0 - (fit.rms / ROUGH).min(1.0));
+    fits.sort_by(|a, b| merit(b).total_cmp(&merit(a)));
+}
+
+/// Drops those that say what a better one says.
+fn distinct(fits: &mut Vec<Fit>) {
+    let mut kept: Vec<Fit> = Vec::new();
+    for fit in fits.iter() {
+        let same = |other: &Fit| {
+            glam::DVec3::AXES
+                .iter()
+                .all(|&p| fit.similarity.apply(p).distance(other.similarity.apply(p)) < FINE)
+        };
+        if !kept.iter().any(same) {
+            kept.push(*fit);
+        }
+    }
+    *fits = kept;
+}
+
+/// The last stage: all of the surface, then vertices that lie on vertices, if there are such.
+fn finish(host: &PreparedHost, suspect: &PreparedSuspect, target: &Target, fit: &Fit) -> Alignment {
+    let points = scatter(&suspect.shape, REFINED);
+    let end = (3.0 * fit.rms).clamp(1e-4, FINE);
+    let mut fit = target.align(&fit.similarity, &points, FINE..end, 8);
+    fit = Fit { similarity: fit.similarity, ..target.judge(&fit.similarity, &points, FINE) };
+    let pairs = mutual(&host.shape, target, &suspect.shape, &fit.similarity);
+    if pairs.len() * 2 < suspect.shape.positions.len() {
+        return to_files(host, suspect, &fit);
+    }
+    let similarity = polish(&contacts(&host.shape, &suspect.shape, &pairs), fit.similarity);
+    Alignment {
+        overlap: fit.overlap,
+        ..from_twins(host, suspect, Twins { similarity, pairs, median: 0.0 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+    use crate::mesh::surface::Surface;
+    use crate::registration::similarity::tests::awkward;
+    use crate::sample::Sample;
+    use glam::DVec3;
+
+    fn shape(sample: Sample, vertices: u32, place: &Similarity) -> Shape {
+        let mesh = sample.mesh(vertices).unwrap();
+        let positions = mesh.positions().iter().map(|&p| place.apply(p)).collect();
+        Shape::new(Surface::new(&Mesh::new(positions, mesh.triangles().to_vec()).unwrap())).unwrap()
+    }
+
+    #[test]
+    fn a_whole_with_another_tessellation_comes_home() {
+        let host = PreparedHost::new(shape(Sample::Blob, 10_000, &Similarity::IDENTITY));
+        for (scale, effort) in [(0.02, Effort::Whole), (-3.0, Effort::Thorough)] {
+            let place = awkward(scale);
+            let suspect = PreparedSuspect::new(shape(Sample::Blob, 6000, &place));
+            let found = register(&host, &suspect, effort);
+            let best = found.first().unwrap();
+            assert!(best.overlap > 0.99, "{best:?}");
+            let error = best.similarity.apply(place.apply(DVec3::ZERO)).length();
+            assert!(error * host.shape.unit.scale < 2e-4, "{error:e}");
+            assert!(register(&host, &suspect, Effort::Twins).is_empty());
+        }
+    }
+
+    #[test]
+    fn in_place_is_told_from_moved() {
+        let host = PreparedHost::new(shape(Sample::Knot, 5000, &Similarity::IDENTITY));
+        let kept = PreparedSuspect::new(shape(Sample::Knot, 3000, &Similarity::IDENTITY));
+        assert!(in_place(&host, &kept, false).is_some_and(|a| a.basis == Basis::InPlace));
+        let moved = PreparedSuspect::new(shape(Sample::Knot, 3000, &awkward(1.0)));
+        assert_eq!(in_place(&host, &moved, true), None);
+    }
+
+    #[test]
+    fn another_shape_has_no_place() {
+        let host = PreparedHost::new(shape(Sample::Knot, 5000, &Similarity::IDENTITY));
+        let other = PreparedSuspect::new(shape(Sample::Blob, 5000, &Similarity::IDENTITY));
+        let found = register(&host, &other, Effort::Whole);
+        assert!(found.iter().all(|a| a.overlap < 0.9), "{found:?}");
+    }
+}
