@@ -18,6 +18,7 @@ pub mod moments;
 pub mod nearest;
 pub mod newton;
 pub mod outline;
+pub mod parts;
 pub mod polish;
 pub mod register;
 pub mod rings;
@@ -25,6 +26,7 @@ pub mod scatter;
 pub mod shape;
 pub mod similarity;
 pub mod sketch;
+pub mod spin;
 pub mod twins;
 
 pub use index::{GeometryIndex, Hit, Likeness};

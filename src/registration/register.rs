@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use super::align::{Fit, Target};
 use super::moments::by_moments;
 use super::nearest::mutual;
+use super::parts::{by_parts, sights};
 use super::polish::polish;
 use super::scatter::{Point, scatter};
 use super::shape::Shape;
@@ -15,6 +16,7 @@ use super::twins::{Landmarks, Twins, contacts, twins};
 /// Points of the suspect that judge hypotheses, and those that the final alignment goes by.
 const JUDGES: usize = 300;
 const ALIGNED: usize = 3000;
+const DESCRIBED: usize = 6000;
 const REFINED: usize = 20_000;
 
 /// Distance at which a hypothesis' point counts as on the host, a share of the diagonal; the same
@@ -23,11 +25,14 @@ const ROUGH: f64 = 0.08;
 const FINE: f64 = 0.01;
 
 /// Hypotheses that are aligned, and that are returned.
-const ALIGNED_HYPOTHESES: usize = 6;
+const ALIGNED_HYPOTHESES: usize = 12;
 const RETURNED: usize = 3;
 
 /// Twins that make up this share of the suspect leave nothing to search for.
 const TWINS_SUFFICE: f64 = 0.2;
+
+/// A whole that lies on its host like this need not be searched for as a part.
+const WHOLE: f64 = 0.95;
 
 /// Overlap from which an alignment is worth telling.
 const LEAST_OVERLAP: f64 = 0.5;
@@ -39,7 +44,7 @@ pub enum Effort {
     Twins,
     /// Also wholes that were tessellated anew.
     Whole,
-    /// Also mirrored wholes.
+    /// Also parts that were tessellated anew, and mirrored wholes: seconds.
     Thorough,
 }
 
@@ -190,34 +195,55 @@ fn to_files(host: &PreparedHost, suspect: &PreparedSuspect, fit: &Fit) -> Alignm
 
 fn by_surface(host: &PreparedHost, suspect: &PreparedSuspect, effort: Effort) -> Vec<Alignment> {
     let Some(target) = host.target() else { return Vec::new() };
-    let judges = suspect.some(JUDGES);
-    let mut guesses = by_moments(&host.points, &suspect.points, false);
-    if effort >= Effort::Thorough {
+    let guesses = by_moments(&host.points, &suspect.points, false);
+    let mut fits = aligned(target, suspect, &guesses);
+    if effort >= Effort::Thorough && fits.first().is_none_or(|fit| fit.overlap < WHOLE) {
+        let [there, here] = [&host.shape, &suspect.shape].map(|s| sights(&scatter(s, DESCRIBED)));
+        let mut guesses = by_parts(&there, &here);
         guesses.extend(by_moments(&host.points, &suspect.points, true));
+        fits.extend(aligned(target, suspect, &guesses));
+        best_first(&mut fits);
+        distinct(&mut fits);
     }
+    fits.iter().take(RETURNED).map(|fit| finish(host, suspect, target, fit)).collect()
+}
+
+/// Judges guesses by few points, aligns the better ones by more, and returns those that lie on the
+/// host, best first.
+fn aligned(target: &Target, suspect: &PreparedSuspect, guesses: &[Similarity]) -> Vec<Fit> {
+    let judges = suspect.some(JUDGES);
+    // The reach of a small part must not span all of it.
+    let reach = |s: &Similarity| ROUGH * s.scale.abs().clamp(0.2, 1.0);
     let mut judged: Vec<Fit> =
-        guesses.iter().map(|guess| target.judge(guess, &judges, ROUGH)).collect();
+        guesses.iter().map(|guess| target.judge(guess, &judges, reach(guess))).collect();
     best_first(&mut judged);
-    let mut aligned: Vec<Fit> = judged
+    let closer = |fit: &Fit, points: &[Point], to: f64, rounds: u32| {
+        let reach = reach(&fit.similarity);
+        target.align(&fit.similarity, points, reach..to * reach / ROUGH, rounds)
+    };
+    let mut fits: Vec<Fit> = judged
         .iter()
         .take(ALIGNED_HYPOTHESES)
-        .map(|guess| target.align(&guess.similarity, &judges, ROUGH..2.0 * FINE, 12))
-        .collect();
-    best_first(&mut aligned);
-    let mut fits: Vec<Fit> = aligned
-        .iter()
-        .take(RETURNED)
-        .map(|fit| target.align(&fit.similarity, &suspect.points, ROUGH..FINE, 15))
-        .filter(|fit| fit.overlap > LEAST_OVERLAP)
+        .map(|guess| closer(guess, &judges, 2.0 * FINE, 12))
         .collect();
     best_first(&mut fits);
     distinct(&mut fits);
-    fits.iter().map(|fit| finish(host, suspect, target, fit)).collect()
+    fits.truncate(RETURNED);
+    let mut fits: Vec<Fit> =
+        fits.iter().map(|fit| closer(fit, &suspect.points, FINE, 15)).collect();
+    fits.retain(|fit| fit.overlap > LEAST_OVERLAP);
+    best_first(&mut fits);
+    distinct(&mut fits);
+    fits
 }
 
-/// More overlap first; of equal overlaps the closer.
+/// More overlap first; of equal overlaps the closer. Distances count relative to the suspect's
+/// size: a tiny one would lie on any surface.
 fn best_first(fits: &mut [Fit]) {
-    let merit = |fit: &Fit| fit.overlap * (1.0 - (fit.rms / ROUGH).min(1.0));
+    let merit = |fit: &Fit| {
+        let scale = fit.similarity.scale.abs().clamp(0.01, 1.0);
+        fit.overlap * (1.0 - (fit.rms / (ROUGH * scale)).min(1.0))
+    };
     fits.sort_by(|a, b| merit(b).total_cmp(&merit(a)));
 }
 

@@ -1,0 +1,175 @@
+//! Rough similarities for a suspect that is a part and was tessellated anew: places that look alike,
+//! two by two.
+//!
+//! Two points with their normals on either side fix a similarity and say at once whether they can
+//! be the same two (their distance fits the ratio of the radii at which they look alike, and the
+//! normals lean alike), so that all twos can be tried instead of random ones.
+
+use glam::{DMat3, DQuat, DVec3};
+use rayon::prelude::*;
+
+use super::scatter::Point;
+use super::similarity::Similarity;
+use super::spin::{Spin, spins};
+
+/// Places of the host and of the suspect that are compared.
+const HOST_KEYS: usize = 1000;
+const SUSPECT_KEYS: usize = 220;
+
+/// Points that places look at.
+const SEEN: usize = 6000;
+
+/// Radii of the suspect, shares of its diagonal.
+const SUSPECT_RADII: [f64; 2] = [0.13, 0.21];
+
+/// Radii of the host, shares of its diagonal: the least, the ratio and their number. Images still
+/// match when the radii differ by half a step. Scales from 0.15 to 2 are covered.
+const LEAST_RADIUS: f64 = 0.03;
+const LADDER: f64 = 1.19;
+const RADII: i32 = 13;
+
+/// How far the scale of two points may be off that of their radii, and the cosines between
+/// normals and the line between the points off each other.
+const SCALE_OFF: f64 = 0.15;
+const COSINE_OFF: f64 = 0.25;
+
+/// Points closer together than this share of the suspect's diagonal fix no rotation.
+const LEAST_APART: f64 = 0.15;
+
+/// Hypotheses that are counted per pair of radii, and kept.
+const MOST_COUNTED: usize = 6000;
+const KEPT: usize = 4;
+
+/// Two places that look alike: a point and a normal of the suspect and of the host.
+struct Alike {
+    from: [DVec3; 2],
+    to: [DVec3; 2],
+    likeness: f32,
+}
+
+/// Points to be described: made once per shape.
+#[must_use]
+pub fn sights(points: &[Point]) -> Vec<Point> {
+    points.iter().step_by((points.len() / SEEN).max(1)).copied().collect()
+}
+
+fn keys(points: &[Point], count: usize) -> Vec<Point> {
+    points.iter().step_by((points.len() / count).max(1)).copied().collect()
+}
+
+/// Similarities under which parts of the suspect look like parts of the host, the best of each
+/// scale.
+#[must_use]
+pub fn by_parts(host: &[Point], suspect: &[Point]) -> Vec<Similarity> {
+    let (host_keys, suspect_keys) = (keys(host, HOST_KEYS), keys(suspect, SUSPECT_KEYS));
+    let suspects = SUSPECT_RADII.map(|radius| (radius, spins(&suspect_keys, suspect, radius)));
+    let steps: Vec<i32> = (0..RADII).collect();
+    let found: Vec<Vec<Similarity>> = steps
+        .into_par_iter()
+        .map(|k| {
+            let radius = LEAST_RADIUS * LADDER.powi(k);
+            let hosts = spins(&host_keys, host, radius);
+            let pairs = suspects.iter().map(|(r, spins)| best(spins, &hosts, radius / r, radius));
+            pairs.flatten().collect()
+        })
+        .collect();
+    found.into_iter().flatten().collect()
+}
+
+/// The host's place that looks most alike, per place of the suspect; the more alike first.
+fn alike(suspect: &[Spin], host: &[Spin]) -> Vec<Alike> {
+    let most = |s: &Spin| {
+        let (likeness, h) =
+            host.iter().map(|h| (s.likeness(h), h)).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(Alike { from: [s.position, s.normal], to: [h.position, h.normal], likeness })
+    };
+    let mut all: Vec<Alike> = suspect.iter().filter_map(most).collect();
+    all.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
+    all
+}
+
+/// The hypotheses that most places agree with.
+fn best(suspect: &[Spin], host: &[Spin], scale: f64, radius: f64) -> Vec<Similarity> {
+    let alike = alike(suspect, host);
+    let tolerance = (0.2 * radius).max(0.03).powi(2);
+    let agreeing = |s: &Similarity| {
+        let agrees = |a: &&Alike| {
+            s.apply(a.from[0]).distance_squared(a.to[0]) < tolerance
+                && s.turn(a.from[1]).dot(a.to[1]) > 0.7
+        };
+        alike.iter().filter(agrees).count()
+    };
+    let twos = (1..alike.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
+    let guesses = twos.filter_map(|(i, j)| two(&alike[i], &alike[j], scale)).take(MOST_COUNTED);
+    let mut counted: Vec<(usize, Similarity)> = guesses.map(|s| (agreeing(&s), s)).collect();
+    counted.sort_by_key(|c| std::cmp::Reverse(c.0));
+    let mut kept: Vec<Similarity> = Vec::new();
+    for (_, s) in counted {
+        let known = |k: &Similarity| {
+            (k.rotation * s.rotation.inverse()).w.abs() > 0.985
+                && k.translation.distance(s.translation) < 0.1
+        };
+        if kept.len() < KEPT && !kept.iter().any(known) {
+            kept.push(s);
+        }
+    }
+    kept
+}
+
+/// The similarity that two pairs fix, if they can be right.
+fn two(a: &Alike, b: &Alike, scale: f64) -> Option<Similarity> {
+    let (from, to) = (b.from[0] - a.from[0], b.to[0] - a.to[0]);
+    let apart = from.length();
+    let ratio = to.length() / (scale * apart);
+    if apart < LEAST_APART || (ratio - 1.0).abs() > SCALE_OFF {
+        return None;
+    }
+    let (d, e) = (from / apart, to.try_normalize()?);
+    let cosines = |a: DVec3, b: DVec3, d: DVec3| [a.dot(d), b.dot(d), a.dot(b)];
+    let here = cosines(a.from[1], b.from[1], d);
+    let there = cosines(a.to[1], b.to[1], e);
+    if here.iter().zip(there).any(|(x, y)| (x - y).abs() > COSINE_OFF) {
+        return None;
+    }
+    let frame = |d: DVec3, n: DVec3| {
+        let v = d.cross(n).try_normalize()?;
+        Some(DMat3::from_cols(d, v, d.cross(v)))
+    };
+    let turn = frame(e, a.to[1] + b.to[1])? * frame(d, a.from[1] + b.from[1])?.transpose();
+    let (rotation, scale) = (DQuat::from_mat3(&turn).normalize(), scale * ratio);
+    let middle = 0.5 * (a.from[0] + b.from[0]);
+    let translation = 0.5 * (a.to[0] + b.to[0]) - rotation * middle * scale;
+    Some(Similarity { scale, rotation, translation }).filter(Similarity::is_valid)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::surface::Surface;
+    use crate::registration::scatter::scatter;
+    use crate::registration::shape::Shape;
+    use crate::sample::Sample;
+
+    #[test]
+    fn a_part_with_another_tessellation_is_about_where_it_belongs() {
+        let host = Shape::new(Surface::new(&Sample::Blob.mesh(8000).unwrap())).unwrap();
+        let mut part = Surface::new(&Sample::Blob.mesh(5000).unwrap());
+        let plane = part.centre().x;
+        let at = part.positions.clone();
+        part.triangles.retain(|t| t.iter().all(|&v| at[v as usize].x > plane));
+        let part = Shape::new(crate::mesh::surface::Surface::new(
+            &crate::mesh::Mesh::new(part.positions, part.triangles).unwrap(),
+        ))
+        .unwrap();
+        let found = by_parts(&scatter(&host, SEEN), &scatter(&part, SEEN));
+        let truth = part.unit.inverse().then(&host.unit);
+        let error = |s: &Similarity| {
+            DVec3::AXES
+                .iter()
+                .map(|&p| s.apply(0.5 * p).distance(truth.apply(0.5 * p)))
+                .fold(0.0, f64::max)
+        };
+        let best = found.iter().map(error).fold(f64::INFINITY, f64::min);
+        assert!(best < 0.1, "{best}");
+    }
+}
