@@ -126,7 +126,7 @@ impl Prepared {
         let suspect = shuffled(mesh, &place, random);
         let start = Instant::now();
         let suspect = PreparedSuspect::new(Shape::new(Surface::new(&suspect)).unwrap());
-        let found = register(host, &suspect, Effort::Thorough);
+        let found = register(host, &suspect, Effort::Thorough, &|| false);
         let time = start.elapsed().as_secs_f64();
         let error =
             |a: &Alignment| a.similarity.apply(place.apply(*centre)).distance(*centre) / diagonal;

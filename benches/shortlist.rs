@@ -170,13 +170,16 @@ fn main() {
                 ten[k] += u32::from(rank.is_some());
             }
             if parts != Some(0) {
-                misses.push(*id);
+                let all = index.by_parts(&probe, usize::MAX);
+                let hits = all.iter().find(|h| h.id == *id).map_or(0, |h| h.hits);
+                misses.push((*id, probe.hashes.len(), hits, all.first().map_or(0, |h| h.hits)));
             }
         }
         let n = suspects.len() as f64;
         println!(
             "  {attack:27} by parts {:3} first {:3} in ten {:.1} ms; by outline {:3} first {:3} in \
-             ten {:.1} ms; probe {:.0} ms; not first by parts: {misses:?}",
+             ten {:.1} ms; probe {:.0} ms; not first by \
+             parts (id, probes, its hits, most hits): {misses:?}",
             first[0],
             ten[0],
             1e3 * asking[0] / n,

@@ -48,6 +48,7 @@
 //! - [`mesh`]: positions and triangles, welding, centre, quadrics, distortion. Pure.
 //! - [`watermark`]: keys to codewords, bins, modulation, placement, the closed loop, extraction
 //!   and detection. Pure, deterministic to the bit on any number of threads.
+//! - [`registration`]: a suspect into its host's coordinates, and which hosts to try. Pure.
 //! - [`formats`]: bytes to carrier mesh, new positions to patched bytes.
 //! - [`marking`]: the two together, bytes to checked bytes.
 //! - [`sample`]: meshes made from nothing, for documentation and tests.

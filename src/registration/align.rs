@@ -74,12 +74,12 @@ impl Target {
         (faces && near).then_some(Touch { placed, closest, normal })
     }
 
-    /// The triangle that is closest to `p`.
+    /// The triangle that is closest to `p`, if it is within `reach`.
     #[must_use]
-    pub fn triangle(&self, p: DVec3) -> Option<usize> {
+    pub fn triangle(&self, p: DVec3, reach: f64) -> Option<usize> {
         let at = Vector::new(p.x, p.y, p.z);
         let (_, (triangle, _)) =
-            self.surface.project_local_point_and_get_location_with_max_dist(at, false, f64::MAX)?;
+            self.surface.project_local_point_and_get_location_with_max_dist(at, false, reach)?;
         usize::try_from(triangle).ok()
     }
 

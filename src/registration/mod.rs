@@ -4,7 +4,9 @@
 //! smoothed or tessellated anew. In reading order: [`shape`] (a surface made ready), [`rings`]
 //! and [`codes`] (what a crop leaves untouched: the connectivity and proportions around each
 //! vertex), [`similarity`] and [`consensus`] (from pairs of points to a similarity), [`twins`]
-//! (suspect vertices that are host vertices); [`sketch`] and [`index`] (which hosts to try).
+//! (suspect vertices that are host vertices), [`polish`] (the last digits); [`align`], [`moments`],
+//! [`spin`], [`parts`] and [`nearest`] for what has another tessellation; [`register`](mod@register)
+//! (all of it, in order); [`sketch`], [`outline`] and [`index`] (which hosts to try).
 //!
 //! Pure: knows geometry alone. Must not know codewords or anything that depends on one, for the
 //! bound on false positives rests on that: what is found here may be scored, and counts once.

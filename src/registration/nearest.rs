@@ -13,12 +13,18 @@ use super::similarity::Similarity;
 const OWN: f64 = 0.5;
 
 /// Pairs (suspect's carrier, host's carrier) that are nearest to each other among those that meet,
-/// ascending by the first.
+/// ascending by the first; none farther apart than `reach`.
 #[must_use]
-pub fn mutual(host: &Shape, target: &Target, suspect: &Shape, s: &Similarity) -> Vec<[u32; 2]> {
+pub fn mutual(
+    host: &Shape,
+    target: &Target,
+    suspect: &Shape,
+    s: &Similarity,
+    reach: f64,
+) -> Vec<[u32; 2]> {
     let corner = |p: &DVec3| -> Option<(u32, f64)> {
         let placed = s.apply(*p);
-        let corners = host.triangles.get(target.triangle(placed)?)?;
+        let corners = host.triangles.get(target.triangle(placed, reach)?)?;
         let at = |v: u32| host.positions[v as usize];
         let distances = corners.map(|v| (v, at(v).distance(placed)));
         let best = distances.into_iter().min_by(|a, b| a.1.total_cmp(&b.1))?;

@@ -70,7 +70,9 @@ pub struct Alignment {
     pub overlap: f64,
     /// Root mean square distance over that share, relative to the host's diagonal.
     pub rms: f64,
-    /// Carriers of the suspect and of the host that are one vertex, ascending by the first.
+    /// Carriers of the suspect and of the host that are one vertex, ascending by the first. Where
+    /// the basis is the surface they are nearest to each other and no more; none where most of the
+    /// suspect's have no such partner.
     pub pairs: Vec<[u32; 2]>,
 }
 
@@ -129,20 +131,26 @@ impl PreparedSuspect {
 }
 
 /// The similarities under which `suspect` is a part of `host`, best first; few, and none where
-/// there is nothing in common.
+/// there is nothing in common. `stop` is asked between steps, the longest of which take tenths of
+/// seconds on meshes of half a million vertices; `true` returns what there is.
 #[must_use]
-pub fn register(host: &PreparedHost, suspect: &PreparedSuspect, effort: Effort) -> Vec<Alignment> {
+pub fn register(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    effort: Effort,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Vec<Alignment> {
     if let Some(found) = twins(&host.shape, &host.landmarks, &suspect.shape) {
         let alignment = from_twins(host, suspect, found);
         if alignment.overlap > TWINS_SUFFICE || effort == Effort::Twins {
             return vec![alignment];
         }
-        let mut all = by_surface(host, suspect, effort);
+        let mut all = by_surface(host, suspect, effort, stop);
         all.retain(|other| other.overlap > 2.0 * alignment.overlap);
         all.push(alignment);
         return all;
     }
-    if effort == Effort::Twins { Vec::new() } else { by_surface(host, suspect, effort) }
+    if effort == Effort::Twins { Vec::new() } else { by_surface(host, suspect, effort, stop) }
 }
 
 /// The alignment of a suspect that kept its host's coordinates, refined if `refined`. `None` if it
@@ -193,29 +201,44 @@ fn to_files(host: &PreparedHost, suspect: &PreparedSuspect, fit: &Fit) -> Alignm
     }
 }
 
-fn by_surface(host: &PreparedHost, suspect: &PreparedSuspect, effort: Effort) -> Vec<Alignment> {
+fn by_surface(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    effort: Effort,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Vec<Alignment> {
     let Some(target) = host.target() else { return Vec::new() };
     let guesses = by_moments(&host.points, &suspect.points, false);
-    let mut fits = aligned(target, suspect, &guesses);
+    let mut fits = aligned(target, suspect, &guesses, stop);
     if effort >= Effort::Thorough && fits.first().is_none_or(|fit| fit.overlap < WHOLE) {
         let [there, here] = [&host.shape, &suspect.shape].map(|s| sights(&scatter(s, DESCRIBED)));
         let mut guesses = by_parts(&there, &here);
         guesses.extend(by_moments(&host.points, &suspect.points, true));
-        fits.extend(aligned(target, suspect, &guesses));
+        fits.extend(aligned(target, suspect, &guesses, stop));
         best_first(&mut fits);
         distinct(&mut fits);
     }
-    fits.iter().take(RETURNED).map(|fit| finish(host, suspect, target, fit)).collect()
+    let last = fits.iter().take(RETURNED).take_while(|_| !stop());
+    last.map(|fit| finish(host, suspect, target, fit)).collect()
 }
 
 /// Judges guesses by few points, aligns the better ones by more, and returns those that lie on the
 /// host, best first.
-fn aligned(target: &Target, suspect: &PreparedSuspect, guesses: &[Similarity]) -> Vec<Fit> {
+fn aligned(
+    target: &Target,
+    suspect: &PreparedSuspect,
+    guesses: &[Similarity],
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Vec<Fit> {
     let judges = suspect.some(JUDGES);
     // The reach of a small part must not span all of it.
     let reach = |s: &Similarity| ROUGH * s.scale.abs().clamp(0.2, 1.0);
-    let mut judged: Vec<Fit> =
-        guesses.iter().map(|guess| target.judge(guess, &judges, reach(guess))).collect();
+    let goes_on = || !stop();
+    let mut judged: Vec<Fit> = guesses
+        .iter()
+        .take_while(|_| goes_on())
+        .map(|guess| target.judge(guess, &judges, reach(guess)))
+        .collect();
     best_first(&mut judged);
     let closer = |fit: &Fit, points: &[Point], to: f64, rounds: u32| {
         let reach = reach(&fit.similarity);
@@ -224,13 +247,17 @@ fn aligned(target: &Target, suspect: &PreparedSuspect, guesses: &[Similarity]) -
     let mut fits: Vec<Fit> = judged
         .iter()
         .take(ALIGNED_HYPOTHESES)
+        .take_while(|_| goes_on())
         .map(|guess| closer(guess, &judges, 2.0 * FINE, 12))
         .collect();
     best_first(&mut fits);
     distinct(&mut fits);
     fits.truncate(RETURNED);
-    let mut fits: Vec<Fit> =
-        fits.iter().map(|fit| closer(fit, &suspect.points, FINE, 15)).collect();
+    let mut fits: Vec<Fit> = fits
+        .iter()
+        .take_while(|_| goes_on())
+        .map(|fit| closer(fit, &suspect.points, FINE, 15))
+        .collect();
     fits.retain(|fit| fit.overlap > LEAST_OVERLAP);
     best_first(&mut fits);
     distinct(&mut fits);
@@ -269,15 +296,14 @@ fn finish(host: &PreparedHost, suspect: &PreparedSuspect, target: &Target, fit: 
     let end = (3.0 * fit.rms).clamp(1e-4, FINE);
     let mut fit = target.align(&fit.similarity, &points, FINE..end, 8);
     fit = Fit { similarity: fit.similarity, ..target.judge(&fit.similarity, &points, FINE) };
-    let pairs = mutual(&host.shape, target, &suspect.shape, &fit.similarity);
+    let pairs = mutual(&host.shape, target, &suspect.shape, &fit.similarity, FINE);
     if pairs.len() * 2 < suspect.shape.positions.len() {
         return to_files(host, suspect, &fit);
     }
     let similarity = polish(&contacts(&host.shape, &suspect.shape, &pairs), fit.similarity);
-    Alignment {
-        overlap: fit.overlap,
-        ..from_twins(host, suspect, Twins { similarity, pairs, median: 0.0 })
-    }
+    let twins = Twins { similarity, pairs, median: 0.0 };
+    let overlap = fit.overlap;
+    Alignment { basis: Basis::Surface, overlap, ..from_twins(host, suspect, twins) }
 }
 
 #[cfg(test)]
@@ -301,12 +327,12 @@ mod tests {
         for (scale, effort) in [(0.02, Effort::Whole), (-3.0, Effort::Thorough)] {
             let place = awkward(scale);
             let suspect = PreparedSuspect::new(shape(Sample::Blob, 6000, &place));
-            let found = register(&host, &suspect, effort);
+            let found = register(&host, &suspect, effort, &|| false);
             let best = found.first().unwrap();
             assert!(best.overlap > 0.99, "{best:?}");
             let error = best.similarity.apply(place.apply(DVec3::ZERO)).length();
             assert!(error * host.shape.unit.scale < 2e-4, "{error:e}");
-            assert!(register(&host, &suspect, Effort::Twins).is_empty());
+            assert!(register(&host, &suspect, Effort::Twins, &|| false).is_empty());
         }
     }
 
@@ -323,7 +349,68 @@ mod tests {
     fn another_shape_has_no_place() {
         let host = PreparedHost::new(shape(Sample::Knot, 5000, &Similarity::IDENTITY));
         let other = PreparedSuspect::new(shape(Sample::Blob, 5000, &Similarity::IDENTITY));
-        let found = register(&host, &other, Effort::Whole);
+        let found = register(&host, &other, Effort::Whole, &|| false);
         assert!(found.iter().all(|a| a.overlap < 0.9), "{found:?}");
+    }
+
+    #[test]
+    fn the_outcome_is_the_same_on_one_and_on_many_threads() {
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let host = PreparedHost::new(shape(Sample::Knot, 3000, &Similarity::IDENTITY));
+                let same = PreparedSuspect::new(shape(Sample::Knot, 3000, &awkward(2.0)));
+                let new = PreparedSuspect::new(shape(Sample::Knot, 2000, &awkward(2.0)));
+                [same, new].map(|suspect| register(&host, &suspect, Effort::Thorough, &|| false))
+            })
+        };
+        assert_eq!(run(1), run(4));
+    }
+
+    #[test]
+    fn a_job_that_is_stopped_returns_early() {
+        let host = PreparedHost::new(shape(Sample::Blob, 3000, &Similarity::IDENTITY));
+        let suspect = PreparedSuspect::new(shape(Sample::Blob, 2000, &awkward(2.0)));
+        assert!(register(&host, &suspect, Effort::Thorough, &|| true).is_empty());
+    }
+
+    #[test]
+    fn strange_meshes_neither_panic_nor_take_long() {
+        let ring = |k: u32| DVec3::new(f64::from(k).sin(), f64::from(k).cos(), f64::from(k % 7));
+        let fan = |n: u32| (1..n).map(move |k| [0, k, k % (n - 1) + 1]);
+        let spiky: Vec<DVec3> = (0..5000).map(ring).collect();
+        let flat: Vec<DVec3> = spiky.iter().map(|p| p.with_z(0.0)).collect();
+        let line: Vec<DVec3> = spiky.iter().map(|p| DVec3::new(p.x, 1e-7 * p.y, 0.0)).collect();
+        let stacked = std::iter::repeat_n([0, 1, 2], 5000).collect::<Vec<_>>();
+        let far: Vec<DVec3> = spiky.iter().map(|p| p * 1e100 + DVec3::splat(3e101)).collect();
+        let strips = |n: u32| (0..n - 2).map(|k| [k, k + 1, k + 2]).collect::<Vec<_>>();
+        let meshes = [
+            (spiky.clone(), fan(5000).collect()),
+            (flat, strips(5000)),
+            (line, strips(5000)),
+            (spiky.clone(), stacked),
+            (far, strips(3000)),
+            (spiky, vec![[0, 1, 2]]),
+        ];
+        let sound = PreparedHost::new(shape(Sample::Blob, 1000, &Similarity::IDENTITY));
+        for (positions, triangles) in meshes {
+            let surface = Surface::new(&Mesh::new(positions, triangles).unwrap());
+            let Some(shape) = Shape::new(surface) else { continue };
+            let _ = super::super::sketch::Sketch::new(&shape);
+            let suspect = PreparedSuspect::new(shape.clone());
+            let _ = register(&sound, &suspect, Effort::Thorough, &|| false);
+            let host = PreparedHost::new(shape);
+            let _ = register(&host, &suspect, Effort::Thorough, &|| false);
+            let _ = in_place(&host, &suspect, true);
+        }
+    }
+
+    #[test]
+    fn sizes_beyond_numbers_are_refused() {
+        for size in [1e300, 1e-310] {
+            let corners = [DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| p * size);
+            let mesh = Mesh::new(corners.to_vec(), vec![[0, 1, 2]]).unwrap();
+            assert!(Shape::new(Surface::new(&mesh)).is_none(), "{size:e}");
+        }
     }
 }
