@@ -85,7 +85,7 @@ fn shuffled(mesh: &Mesh, place: &Similarity, random: &mut ChaCha20Rng) -> Mesh {
     Mesh::new(positions, triangles).unwrap()
 }
 
-fn marked(host: &[u8]) -> Mesh {
+fn marked(host: &[u8]) -> Option<Mesh> {
     let request = MarkRequest {
         key: &MarkKey::from_bytes([7; 32]),
         message: &Message::from_bytes(&[151; 8], BitCount::default()).unwrap(),
@@ -94,7 +94,8 @@ fn marked(host: &[u8]) -> Mesh {
         stop: &|| false,
         independent_check_max_bytes: 0,
     };
-    Asset::read(&mark(host, &request).unwrap().bytes, &Limits::default()).unwrap().into_mesh()
+    let bytes = mark(host, &request).ok()?.bytes;
+    Some(Asset::read(&bytes, &Limits::default()).unwrap().into_mesh())
 }
 
 struct Prepared {
@@ -178,7 +179,10 @@ fn main() {
     }
     for (name, bytes) in hosts {
         let prepared = Prepared::new(&name, &bytes);
-        let marked = marked(&bytes);
+        let Some(marked) = marked(&bytes) else {
+            println!("  cannot be marked");
+            continue;
+        };
         for (attack, apply) in ATTACKS {
             let mut random = ChaCha20Rng::from_seed([1; 32]);
             let suspect = apply(&marked, &mut random);

@@ -21,6 +21,10 @@ use crate::mesh::surface::doubled_area;
 /// Points whose normals differ by more than 60 degrees do not lie on the same surface.
 const SAME_SIDE: f64 = 0.5;
 
+/// Asked before each search: a surface made of overlapping slivers takes long to search, since every
+/// box of its tree contains every point. `true` finds nothing any more.
+pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+
 /// A host's surface, to be searched for its closest points.
 pub struct Target {
     surface: TriMesh,
@@ -83,15 +87,15 @@ impl Target {
         usize::try_from(triangle).ok()
     }
 
-    fn touches(&self, s: &Similarity, points: &[Point], reach: f64) -> Vec<Touch> {
+    fn touches(&self, s: &Similarity, points: &[Point], reach: f64, stop: Stop) -> Vec<Touch> {
         let points = points.par_iter().with_min_len(256);
-        points.filter_map(|p| self.touch(s, p, reach)).collect()
+        points.filter_map(|p| if stop() { None } else { self.touch(s, p, reach) }).collect()
     }
 
     /// How well `points` of a suspect lie on the host where `similarity` puts them.
     #[must_use]
-    pub fn judge(&self, similarity: &Similarity, points: &[Point], reach: f64) -> Fit {
-        let touches = self.touches(similarity, points, reach);
+    pub fn judge(&self, similarity: &Similarity, points: &[Point], reach: f64, stop: Stop) -> Fit {
+        let touches = self.touches(similarity, points, reach, stop);
         let squares: f64 = touches.iter().map(|t| t.placed.distance_squared(t.closest)).sum();
         let count = touches.len() as f64;
         Fit {
@@ -110,12 +114,13 @@ impl Target {
         points: &[Point],
         reaches: std::ops::Range<f64>,
         rounds: u32,
+        stop: Stop,
     ) -> Fit {
         let mut now = *start;
         let shrink = (reaches.end / reaches.start).powf(1.0 / f64::from(rounds.max(2) - 1));
         let mut reach = reaches.start;
         for _ in 0..rounds {
-            let touches = self.touches(&now, points, reach);
+            let touches = self.touches(&now, points, reach, stop);
             // Scale is held until the pose is about right: too few touching points pull it to zero.
             let scaled = touches.len() * 4 > points.len();
             let cut = robust_cut(&touches, reach);
@@ -134,7 +139,7 @@ impl Target {
             now = next;
             reach *= shrink;
         }
-        self.judge(&now, points, reaches.end)
+        self.judge(&now, points, reaches.end, stop)
     }
 }
 
@@ -174,7 +179,7 @@ mod tests {
             rotation: DQuat::from_scaled_axis(DVec3::new(0.08, -0.05, 0.03)),
             translation: DVec3::new(0.01, 0.02, -0.01),
         };
-        let found = target.align(&truth.then(&off), &points, 0.1..0.01, 25);
+        let found = target.align(&truth.then(&off), &points, 0.1..0.01, 25, &|| false);
         let error = found.similarity.apply(DVec3::ZERO).distance(truth.apply(DVec3::ZERO));
         assert!(error < 1e-4 && found.overlap > 0.99 && found.rms < 1e-3, "{error:e} {found:?}");
     }
@@ -183,7 +188,8 @@ mod tests {
     fn nothing_near_is_no_overlap() {
         let host = shape(1000);
         let away = Similarity { translation: DVec3::splat(5.0), ..Similarity::IDENTITY };
-        let found = Target::new(&host).unwrap().align(&away, &scatter(&host, 500), 0.1..0.01, 5);
+        let target = Target::new(&host).unwrap();
+        let found = target.align(&away, &scatter(&host, 500), 0.1..0.01, 5, &|| false);
         assert_eq!((found.overlap, found.similarity), (0.0, away));
     }
 }

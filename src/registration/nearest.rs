@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::align::Target;
+use super::align::{Stop, Target};
 use super::rings::NONE;
 use super::shape::Shape;
 use super::similarity::Similarity;
@@ -21,8 +21,12 @@ pub fn mutual(
     suspect: &Shape,
     s: &Similarity,
     reach: f64,
+    stop: Stop,
 ) -> Vec<[u32; 2]> {
     let corner = |p: &DVec3| -> Option<(u32, f64)> {
+        if stop() {
+            return None;
+        }
         let placed = s.apply(*p);
         let corners = host.triangles.get(target.triangle(placed, reach)?)?;
         let at = |v: u32| host.positions[v as usize];
