@@ -16,8 +16,9 @@ use super::shape::Shape;
 const RADIUS: usize = 3;
 
 /// Hashes per sketch. A fragment of 5 % has 9.6 of them on average, less those within three rings
-/// of its border: a half to three quarters where it has a few hundred vertices. With 128, of 31 real
-/// meshes (half of them of 2,000 to 7,000 vertices) 22 came among the first ten from such a fragment.
+/// of its border. Among 100,000 records such fragments of real meshes of 10,000 vertices and more
+/// find theirs; of smaller meshes, of whose 100 to 300 vertices the border leaves a few, half do
+/// (`benches/shortlist.rs`).
 pub const HASHES: usize = 192;
 
 /// Hashes of a suspect that are looked up. Those of a fragment need [`HASHES`] at most; the rest
