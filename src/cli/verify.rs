@@ -4,7 +4,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use quadmark::config::{Config, ConfigArgs};
-use quadmark::service::{Service, ServiceError, Spool, Text, Verdict, Verification, VerifyRequest};
+use quadmark::service::{
+    Depth, Service, ServiceError, Spool, Text, Verdict, Verification, VerifyRequest,
+};
 
 use super::{Failure, Outcome, files};
 
@@ -19,6 +21,9 @@ pub(super) struct Arguments {
     /// Compare with this mark only.
     #[arg(long, value_name = "ID")]
     watermark_id: Option<uuid::Uuid>,
+    /// How much is tried: fast, standard or exhaustive.
+    #[arg(long, value_name = "DEPTH", default_value_t)]
+    depth: Depth,
     /// Print the verdict as JSON.
     #[arg(long)]
     json: bool,
@@ -53,7 +58,7 @@ async fn verify(
     let owner_id = arguments.owner_id.as_deref().map(|text| Text::parse("owner_id", text));
     let owner_id = owner_id.transpose()?;
     let watermark_id = arguments.watermark_id;
-    let request = VerifyRequest { file: spooled, owner_id, watermark_id };
+    let request = VerifyRequest { file: spooled, owner_id, watermark_id, depth: arguments.depth };
     let verified: Result<Verification, ServiceError> = service.verify(request).await;
     service.close().await;
     Ok(verified?)

@@ -10,7 +10,7 @@ use super::watermarks::parse_id;
 use super::wire::VerifyForm;
 use crate::service::{Verification, VerifyRequest};
 
-const FIELDS: &[&str] = &["owner_id", "watermark_id"];
+const FIELDS: &[&str] = &["owner_id", "watermark_id", "depth"];
 
 /// Compare a file with the registered marks. No match is an answer, not an error.
 #[utoipa::path(
@@ -33,6 +33,7 @@ pub(super) async fn verify(
         watermark_id: fields.parsed("watermark_id", |text| {
             text.parse().map_err(|_| "must be the id of a watermark, a UUID")
         })?,
+        depth: fields.parsed("depth", str::parse)?.unwrap_or_default(),
     };
     Ok(Json(app.service.verify(request).await?))
 }

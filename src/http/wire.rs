@@ -7,7 +7,7 @@ use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
 use crate::registry::{Page, Quality, Record};
-use crate::service::Inspected;
+use crate::service::{Depth, Inspected};
 
 /// A registered mark.
 #[derive(Debug, Serialize, ToSchema)]
@@ -214,6 +214,9 @@ pub(super) struct VerifyForm {
     /// Compare with this mark only.
     #[schema(value_type = Option<String>, format = "uuid")]
     watermark_id: Option<Uuid>,
+    /// How much is tried before the answer is `no_match`: `fast`, `standard` (by default) or
+    /// `exhaustive`.
+    depth: Option<Depth>,
 }
 
 /// The form of `POST /v1/inspections`.

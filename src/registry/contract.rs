@@ -57,6 +57,10 @@ pub(super) async fn revoked_records_are_kept_but_not_live(registry: &dyn Registr
     assert_eq!(live.iter().map(|record| record.id).collect::<Vec<_>>(), [second.id]);
     assert!(registry.live(None, Some(second.id), 9).await.unwrap().is_empty());
     assert!(registry.revoke(Uuid::now_v7(), at).await.unwrap().is_none());
+    let last = registry.last_row().await.unwrap();
+    let sources = registry.mark_sources(0, last).await.unwrap();
+    assert_eq!(sources, [second.source()]);
+    assert!(registry.mark_sources(last, last + 5).await.unwrap().is_empty());
 }
 
 pub(super) async fn a_taken_idempotency_key_registers_nothing(registry: &dyn Registry) {

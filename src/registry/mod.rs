@@ -13,7 +13,9 @@ mod sqlite_rows;
 use async_trait::async_trait;
 use uuid::Uuid;
 
-pub use record::{Cursor, Filter, IdempotencyEntry, Page, Quality, Record, StoredVerification};
+pub use record::{
+    Cursor, Filter, IdempotencyEntry, MarkSource, Page, Quality, Record, StoredVerification,
+};
 pub use sqlite::Sqlite;
 #[cfg(test)]
 pub(crate) use sqlite_rows::sample_record;
@@ -84,6 +86,14 @@ pub trait Registry: Send + Sync {
         after: Option<Uuid>,
         limit: u32,
     ) -> Result<Vec<Record>, RegistryError>;
+
+    /// Number of the last row: rows are numbered from 1 in the order of registration, perhaps with
+    /// gaps.
+    async fn last_row(&self) -> Result<i64, RegistryError>;
+
+    /// What the codewords of the records that are not revoked are derived from, of the rows after
+    /// `after` up to and with `last`, in order.
+    async fn mark_sources(&self, after: i64, last: i64) -> Result<Vec<MarkSource>, RegistryError>;
 
     /// Marks a record as revoked, if it is not already; the record as it then is.
     async fn revoke(&self, id: Uuid, at: jiff::Timestamp) -> Result<Option<Record>, RegistryError>;

@@ -68,6 +68,41 @@ pub struct Record {
     pub revoked_at: Option<Timestamp>,
 }
 
+/// What a record's codeword is derived from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MarkSource {
+    /// The record.
+    pub id: Uuid,
+    /// Whose mark it is.
+    pub owner_id: String,
+    /// How it was embedded.
+    pub method: Method,
+    /// Length of the message.
+    pub bits: BitCount,
+    /// Which master key.
+    pub key_id: String,
+    /// Random, an input of the mark key's derivation.
+    pub salt: [u8; 32],
+    /// The message, most significant bit first.
+    pub message: Vec<u8>,
+}
+
+impl Record {
+    /// What its codeword is derived from.
+    #[must_use]
+    pub fn source(&self) -> MarkSource {
+        MarkSource {
+            id: self.id,
+            owner_id: self.owner_id.clone(),
+            method: self.method,
+            bits: self.bits,
+            key_id: self.key_id.clone(),
+            salt: self.salt,
+            message: self.message.clone(),
+        }
+    }
+}
+
 /// What a mark did to its mesh. Lengths are shares of the bounding box's diagonal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Quality {

@@ -15,8 +15,10 @@ use sqlx::sqlite::{
 };
 use uuid::Uuid;
 
-use super::record::{Cursor, Filter, IdempotencyEntry, Page, Record, StoredVerification};
-use super::sqlite_rows::{bad_row, bytes32, insert_record, record_from_row};
+use super::record::{
+    Cursor, Filter, IdempotencyEntry, MarkSource, Page, Record, StoredVerification,
+};
+use super::sqlite_rows::{bad_row, bytes32, insert_record, record_from_row, source_from_row};
 use super::{Registry, RegistryError};
 
 const READERS: u32 = 4;
@@ -180,6 +182,25 @@ impl Registry for Sqlite {
         query.push(" ORDER BY id LIMIT ").push_bind(i64::from(limit));
         let rows = query.build().fetch_all(&self.readers).await?;
         rows.iter().map(record_from_row).collect()
+    }
+
+    async fn last_row(&self) -> Result<i64, RegistryError> {
+        let (last,): (i64,) = sqlx::query_as("SELECT coalesce(max(rowid), 0) FROM watermarks")
+            .fetch_one(&self.readers)
+            .await?;
+        Ok(last)
+    }
+
+    async fn mark_sources(&self, after: i64, last: i64) -> Result<Vec<MarkSource>, RegistryError> {
+        let rows = sqlx::query_as(
+            "SELECT id, owner_id, method, bits, key_id, salt, message FROM watermarks
+             WHERE rowid > ? AND rowid <= ? AND revoked_at IS NULL ORDER BY rowid",
+        )
+        .bind(after)
+        .bind(last)
+        .fetch_all(&self.readers)
+        .await?;
+        rows.into_iter().map(source_from_row).collect()
     }
 
     async fn revoke(&self, id: Uuid, at: Timestamp) -> Result<Option<Record>, RegistryError> {

@@ -11,7 +11,7 @@ use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
 use super::RegistryError;
-use super::record::Record;
+use super::record::{MarkSource, Record};
 use crate::formats::Format;
 use crate::watermark::{BitCount, Frame, Strength};
 
@@ -71,6 +71,23 @@ pub(super) async fn insert_record(
     .execute(connection)
     .await?;
     Ok(())
+}
+
+/// The columns of a mark's source: id, owner, method, bits, key, salt, message.
+pub(super) type SourceRow = (String, String, String, i64, String, Vec<u8>, Vec<u8>);
+
+pub(super) fn source_from_row(row: SourceRow) -> Result<MarkSource, RegistryError> {
+    let (id, owner_id, method, bits, key_id, salt, message) = row;
+    let bits = u32::try_from(bits).ok().and_then(|bits| BitCount::new(bits).ok());
+    Ok(MarkSource {
+        owner_id,
+        method: method.parse().map_err(|_| bad_row(&id, "method"))?,
+        bits: bits.ok_or_else(|| bad_row(&id, "bits"))?,
+        key_id,
+        salt: bytes32(&salt).ok_or_else(|| bad_row(&id, "salt"))?,
+        message,
+        id: id.parse().map_err(|_| bad_row(&id, "id"))?,
+    })
 }
 
 pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> {

@@ -2,24 +2,24 @@
 //!
 //! Codewords are derived here and nowhere stored. Must not know how they are scored.
 
-use std::collections::HashSet;
-use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-
-use uuid::Uuid;
+use std::sync::{PoisonError, RwLock};
 
 use super::ServiceError;
 use crate::keys::KeyRing;
-use crate::registry::Record;
-use crate::watermark::{Codeword, CodewordIndex, MarkKey, Message, Suspect};
+use crate::registry::{MarkSource, Record};
+use crate::watermark::{Codeword, CodewordIndex, GroupKey, MarkKey, Message, Modulation};
+
+/// A record's id, the statistic that carries its mark, and its codeword.
+pub(super) type Mark = (u128, Modulation, Codeword);
 
 /// The codeword that a record's file carries.
 ///
 /// # Errors
 /// [`ServiceError::Internal`] when the master key is not there, or the record's message is not one.
-pub(super) fn codeword(keys: &KeyRing, record: &Record) -> Result<Codeword, ServiceError> {
-    let key = mark_key(keys, &record.key_id, &record.salt, &record.owner_id)?;
-    let message = Message::from_bytes(&record.message, record.bits)
-        .map_err(|error| ServiceError::Internal(format!("message of {}: {error}", record.id)))?;
+pub(super) fn codeword(keys: &KeyRing, source: &MarkSource) -> Result<Codeword, ServiceError> {
+    let key = mark_key(keys, &source.key_id, &source.salt, &source.owner_id)?;
+    let message = Message::from_bytes(&source.message, source.bits)
+        .map_err(|error| ServiceError::Internal(format!("message of {}: {error}", source.id)))?;
     Ok(Codeword::new(&key, &message))
 }
 
@@ -32,63 +32,44 @@ pub(super) fn mark_key(
     Ok(MarkKey::from_bytes(*keys.mark_key(key_id, salt, owner_id)?))
 }
 
-/// One record that may have marked the suspect.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Found {
-    pub(super) id: Uuid,
-    /// log10 of the bound for this one hypothesis, before counting.
-    pub(super) log10_bound: f64,
-    pub(super) bits_agreeing: usize,
-    pub(super) bits_read: usize,
-}
-
-/// An index of codewords by record id.
+/// An index of codewords by record id, shared. A search works on a clone of it (which shares the
+/// rows), so that nobody waits for a search and a record is seen by every search that begins after
+/// it was registered.
+///
+/// A panic while it was held cannot leave it half changed in a way that matters more than refusing
+/// all requests would, so poisoning is ignored.
 #[derive(Default)]
-pub(super) struct Known(CodewordIndex);
+pub(super) struct Known(RwLock<CodewordIndex>);
 
 impl Known {
-    pub(super) fn insert(&mut self, record: &Record, codeword: &Codeword) {
-        self.0.insert(record.id.as_u128(), record.method.modulation(), codeword);
+    /// All marks, as they are now.
+    pub(super) fn marks(&self) -> CodewordIndex {
+        self.0.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    pub(super) fn remove(&mut self, id: Uuid) {
-        self.0.remove(id.as_u128());
+    pub(super) fn insert(&self, record: &Record, codeword: &Codeword) {
+        let mut index = self.0.write().unwrap_or_else(PoisonError::into_inner);
+        index.insert(record.id.as_u128(), record.method.modulation(), codeword);
+    }
+
+    /// Adds many that are not there, in any order.
+    pub(super) fn extend(&self, marks: Vec<Mark>) {
+        self.0.write().unwrap_or_else(PoisonError::into_inner).extend(marks);
+    }
+
+    pub(super) fn remove(&self, record: &Record, codeword: &Codeword) {
+        let key = GroupKey::of(codeword, record.method.modulation());
+        let mut index = self.0.write().unwrap_or_else(PoisonError::into_inner);
+        index.remove(record.id.as_u128(), key);
     }
 
     pub(super) fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    /// Scores all, or only those named, in the blind frame: how many hypotheses, and the best of
-    /// them, best first.
-    pub(super) fn search(
-        &self,
-        suspect: &Suspect,
-        only: Option<&HashSet<u128>>,
-        most: usize,
-    ) -> (u64, Vec<Found>) {
-        let search = self.0.search(suspect, only, most);
-        let found = search.candidates.into_iter().map(|candidate| Found {
-            id: Uuid::from_u128(candidate.id),
-            log10_bound: candidate.log10_bound,
-            bits_agreeing: candidate.score.bits_agreeing,
-            bits_read: candidate.score.bits_read,
-        });
-        (search.hypotheses, found.collect())
+        self.0.read().unwrap_or_else(PoisonError::into_inner).len()
     }
 }
 
-/// [`Known`], shared. A panic while it was held cannot leave it half changed in a way that
-/// matters more than refusing all requests would, so poisoning is ignored.
-#[derive(Default)]
-pub(super) struct SharedKnown(RwLock<Known>);
-
-impl SharedKnown {
-    pub(super) fn read(&self) -> RwLockReadGuard<'_, Known> {
-        self.0.read().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    pub(super) fn write(&self) -> RwLockWriteGuard<'_, Known> {
-        self.0.write().unwrap_or_else(PoisonError::into_inner)
-    }
+/// The codeword of a source, as the index takes it.
+pub(super) fn mark(keys: &KeyRing, source: &MarkSource) -> Result<Mark, ServiceError> {
+    let codeword = codeword(keys, source)?;
+    Ok((source.id.as_u128(), source.method.modulation(), codeword))
 }

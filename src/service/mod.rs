@@ -8,6 +8,7 @@ mod error;
 mod idempotency;
 mod inspect;
 mod known;
+mod load;
 mod records;
 mod register;
 mod spool;
@@ -21,7 +22,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use tokio_util::task::TaskTracker;
-use tracing::{info, warn};
+use tracing::info;
 
 use crate::blobs::{BlobError, Blobs};
 use crate::config::{Config, MEMORY_PER_UPLOAD_BYTE, SecretText};
@@ -35,8 +36,10 @@ pub use inspect::Inspected;
 pub use records::MarkedFile;
 pub use spool::{Spool, Spooled};
 pub use text::Text;
-pub use verdict::{FileFacts, FrameName, Match, Verdict, Verification};
-pub use verify::VerifyRequest;
+pub use verdict::{
+    FileFacts, FrameFacts, FrameName, How, Match, StageName, TriedStage, Verdict, Verification,
+};
+pub use verify::{Depth, VerifyRequest};
 
 /// Records read from the registry at a time.
 const BATCH: u32 = 5_000;
@@ -76,7 +79,7 @@ pub struct Service {
     registry: Arc<dyn Registry>,
     blobs: Blobs,
     pool: Pool,
-    known: known::SharedKnown,
+    known: known::Known,
     in_progress: idempotency::InProgress,
     /// Work that outlives the connection it began on.
     tasks: TaskTracker,
@@ -134,7 +137,7 @@ impl Service {
     ) -> Arc<Self> {
         Arc::new(Self {
             pool: Pool::new(config.workers, config.queue, config.memory_budget_bytes),
-            known: known::SharedKnown::default(),
+            known: known::Known::default(),
             in_progress: idempotency::InProgress::default(),
             tasks: TaskTracker::new(),
             registry: Arc::new(registry),
@@ -146,39 +149,9 @@ impl Service {
         })
     }
 
-    async fn load(self: &Arc<Self>) -> Result<(), StartError> {
-        let mut after = None;
-        let mut unreadable = 0_u64;
-        loop {
-            let records = self.registry.live(None, after, BATCH).await?;
-            let Some(last) = records.last() else { break };
-            after = Some(last.id);
-            let service = self.clone();
-            let loading = tokio::task::spawn_blocking(move || {
-                let mut known = service.known.write();
-                let mut missing = 0;
-                for record in &records {
-                    match known::codeword(&service.keys, record) {
-                        Ok(codeword) => known.insert(record, &codeword),
-                        Err(error) => {
-                            missing += 1;
-                            warn!(watermark = %record.id, %error, "a mark cannot be searched for");
-                        }
-                    }
-                }
-                missing
-            });
-            unreadable += loading.await.map_err(|error| StartError::Load(error.to_string()))?;
-        }
-        if unreadable > 0 {
-            warn!(unreadable, "marks cannot be searched for: their master keys are missing");
-        }
-        Ok(())
-    }
-
     fn announce(&self) {
         let data = self.config.data.display();
-        info!(data = %data, marks = self.known.read().len(), "registry and files are open");
+        info!(data = %data, marks = self.known.len(), "registry and files are open");
         if self.config.master_key.is_some() {
             info!(key_id = self.keys.current(), "the master key comes from the settings");
         } else {
@@ -189,6 +162,13 @@ impl Service {
                 "master keys are in this file; without it no mark can be read again: copy it to a \
                  safe place, apart from the data directory's backup"
             );
+        }
+    }
+
+    fn thresholds(&self) -> verdict::Thresholds {
+        verdict::Thresholds {
+            certain: self.config.match_threshold_log10,
+            inconclusive: self.config.inconclusive_threshold_log10,
         }
     }
 
@@ -207,7 +187,7 @@ impl Service {
     /// How many marks are searched.
     #[must_use]
     pub fn marks(&self) -> usize {
-        self.known.read().len()
+        self.known.len()
     }
 
     /// Begins an upload.

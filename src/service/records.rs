@@ -6,6 +6,7 @@ use bytes::Bytes;
 use uuid::Uuid;
 
 use super::embed::now;
+use super::known::codeword;
 use super::{Service, ServiceError};
 use crate::blobs::Kind;
 use crate::registry::{Cursor, Filter, Page, Record};
@@ -79,8 +80,14 @@ impl Service {
         let revoked = async move {
             let revoked = service.registry.revoke(id, now()?).await?;
             let record = revoked.ok_or(ServiceError::UnknownWatermark(id))?;
-            let removed = tokio::task::spawn_blocking(move || service.known.write().remove(id));
-            removed.await.map_err(|error| ServiceError::Internal(error.to_string()))?;
+            // Without its master key a mark is not searched for in the first place.
+            if let Ok(codeword) = codeword(&service.keys, &record.source()) {
+                let revoked = record.clone();
+                let removed = tokio::task::spawn_blocking(move || {
+                    service.known.remove(&revoked, &codeword);
+                });
+                removed.await.map_err(|error| ServiceError::Internal(error.to_string()))?;
+            }
             Ok(record)
         };
         self.see_through(revoked).await

@@ -24,7 +24,7 @@ impl Service {
         host: Option<Bytes>,
         idempotency: Option<(String, [u8; 32])>,
     ) -> Result<(), ServiceError> {
-        let codeword = codeword(&self.keys, record)?;
+        let codeword = codeword(&self.keys, &record.source())?;
         let mut undo = RemoveBlobs { service: self.clone(), id: Some(record.id) };
         if let Err(error) = self.store(record, file, host, idempotency).await {
             // Before the answer: who is told of a failure finds nothing left.
@@ -37,7 +37,7 @@ impl Service {
         let (service, record) = (self.clone(), record.clone());
         // The lock may be held by a search: wait for it on a blocking thread.
         let inserted = tokio::task::spawn_blocking(move || {
-            service.known.write().insert(&record, &codeword);
+            service.known.insert(&record, &codeword);
         });
         inserted.await.map_err(|error| ServiceError::Internal(error.to_string()))
     }

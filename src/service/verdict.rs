@@ -5,6 +5,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::verify::Depth;
+
 /// The answer to "whose mark is it".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
@@ -23,8 +25,86 @@ pub enum Verdict {
 pub enum FrameName {
     /// From the suspect alone.
     Blind,
+    /// From the suspect alone, searched: its centre or its extremes have moved.
+    Searched,
     /// The host's own: the suspect was neither moved nor scaled.
     InPlace,
+}
+
+/// A detector of the ladder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum StageName {
+    /// The suspect's own centre and extremes.
+    Blind,
+    /// The host's own frame, for marks that the request names.
+    InPlace,
+    /// Centre and lattice searched from the suspect alone.
+    Lattices,
+    /// The same, wider.
+    WideLattices,
+}
+
+impl StageName {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Blind, Self::InPlace, Self::Lattices, Self::WideLattices];
+}
+
+/// Where verdicts change, as log10 of a bound.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Thresholds {
+    /// `match` is below this.
+    pub(super) certain: f64,
+    /// `inconclusive` is below this.
+    pub(super) inconclusive: f64,
+}
+
+/// A centre and a radial range, in the file's unit.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct FrameFacts {
+    /// The centre.
+    pub centre: [f64; 3],
+    /// The smallest vertex norm that is assumed.
+    pub rho_min: f64,
+    /// The largest vertex norm that is assumed.
+    pub rho_max: f64,
+}
+
+/// What the bound of a match rests on.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct How {
+    /// The detector that found it.
+    pub stage: StageName,
+    /// The frame that it assumed.
+    pub frame: FrameFacts,
+    /// Bins that were read.
+    pub bits_read: usize,
+    /// Bins with too few vertices to be read.
+    pub erasures: usize,
+    /// Weight of each bin, in the order of the bins: `min(|z|, median |z|)`, where z is the root of
+    /// the bin's vertex count times its statistic's deviation from neutral; 0 for an erasure.
+    pub weights: Vec<f64>,
+    /// The weights of the bins that agree less those that do not.
+    pub score: f64,
+    /// log10 of the bound on the probability that a random codeword scores so high with these
+    /// weights: one hypothesis, nothing counted.
+    pub log10_bound: f64,
+    /// What that probability is multiplied by: the hypotheses of the stage over its share.
+    pub counted: f64,
+    /// `log10_bound + log10(counted)`, at most 0.
+    pub log10_fp: f64,
+}
+
+/// A stage that ran.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct TriedStage {
+    /// Its name.
+    pub stage: StageName,
+    /// Hypotheses that it scored: marks times frames and lattices.
+    pub hypotheses: u64,
+    /// The part of the error probability that it may spend, fixed beforehand. The shares of all
+    /// stages add up to at most 1.
+    pub share: f64,
 }
 
 /// A mark that the suspect may carry.
@@ -51,6 +131,8 @@ pub struct Match {
     pub bits_read: usize,
     /// In which frame it was read.
     pub frame: FrameName,
+    /// What its bound rests on.
+    pub how: How,
 }
 
 /// What the suspect is.
@@ -81,8 +163,12 @@ pub struct Verification {
     pub threshold_log10: f64,
     /// `inconclusive` is below this.
     pub inconclusive_threshold_log10: f64,
-    /// How many hypotheses were scored; the bounds count them all.
+    /// How much was to be tried.
+    pub depth: Depth,
+    /// How many hypotheses were scored; the bounds count them all, each in its stage.
     pub hypotheses: u64,
+    /// The stages that ran, in order; the dearer ones run only while the verdict is open.
+    pub tried: Vec<TriedStage>,
     /// Best first; only those below the inconclusive threshold.
     pub matches: Vec<Match>,
     /// The suspect.

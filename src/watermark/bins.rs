@@ -7,7 +7,7 @@ use super::codeword::LATTICE_CLASSES;
 use super::{BitCount, Modulation};
 
 /// Largest trimmed share of the radial extent at each end (paper eq. 4: eps in [0, 0.15]).
-const LARGEST_EPS: f64 = 0.15;
+pub const LARGEST_EPS: f64 = 0.15;
 
 /// Fewest vertices whose statistic is taken for a bit; a bin with fewer is an erasure. With
 /// three vertices one stray decides the bit; from four on the closed loop moved every bin of
@@ -55,6 +55,12 @@ pub fn norms(positions: &[DVec3], centre: DVec3) -> Vec<f64> {
     positions.par_iter().with_min_len(BLOCK).map(|&v| (v - centre).length()).collect()
 }
 
+/// The share of the radial extent that a lattice class trims at either end.
+#[must_use]
+pub fn trimmed_share(class: u8) -> f64 {
+    LARGEST_EPS * (f64::from(class) + 0.5) / LATTICE_CLASSES as f64
+}
+
 /// Where the bins lie: `bins` intervals of `width`, the first from `start`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lattice {
@@ -75,7 +81,7 @@ impl Lattice {
     #[must_use]
     pub fn new(frame: &Frame, class: u8, bits: BitCount) -> Option<Self> {
         let extent = frame.radial_extent();
-        let eps = LARGEST_EPS * (f64::from(class) + 0.5) / LATTICE_CLASSES as f64;
+        let eps = trimmed_share(class);
         let width = (1.0 - 2.0 * eps) * extent / bits.get() as f64;
         let start = frame.rho_min + eps * extent;
         // A width lost in the rounding of `start` cannot tell bins apart.

@@ -49,10 +49,10 @@ async fn hosts_and_strangers_do_not_match() {
     assert_eq!(verdict["verdict"], "no_match", "{verdict}");
     let nobody = server.verify(file_form(&file).text("owner_id", "nobody")).await;
     assert_eq!((&nobody["verdict"], &nobody["hypotheses"]), (&"no_match".into(), &0.into()));
-    // Named: the blind frame and the host's own, both counted.
+    // Named: the blind frame says enough, so the host's own is not tried.
     let named = server.verify(file_form(&file).text("watermark_id", id.clone())).await;
     assert_match(&named, &id);
-    assert_eq!(named["hypotheses"], 2);
+    assert_eq!(named["hypotheses"], 1);
     let owned = server.verify(file_form(&file).text("owner_id", "acme")).await;
     assert_match(&owned, &id);
 }
@@ -88,7 +88,65 @@ async fn a_part_is_recognised_in_place_when_its_mark_is_named() {
         assert_eq!(named["verdict"], "match", "{named}");
         assert_eq!(named["matches"][0]["frame"], "in_place");
         assert_eq!(named["hypotheses"], 2);
+        assert_eq!(stages(&named), ["blind", "in_place"]);
     }
+}
+
+/// The stages that ran.
+fn stages(verdict: &Value) -> Vec<&str> {
+    let tried = verdict["tried"].as_array().unwrap();
+    tried.iter().map(|stage| stage["stage"].as_str().unwrap()).collect()
+}
+
+/// The file with a triangle far off, which takes the blind frame away.
+fn with_a_stray(file: &[u8]) -> Vec<u8> {
+    [file, b"\nv 90 90 90\nv 90.001 90 90\nv 90 90.001 90\nf -1 -2 -3\n"].concat()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_answer_explains_itself() {
+    let server = Server::start().await;
+    let (id, file) = server.mark(obj(), "acme").await;
+    server.mark(other_obj(), "other").await;
+    for (suspect, stage) in [(file.clone(), "blind"), (with_a_stray(&file), "lattices")] {
+        let verdict = server.verify(file_form(&suspect)).await;
+        assert_eq!(verdict["verdict"], "match", "{verdict}");
+        assert_eq!(verdict["depth"], "standard");
+        let found = &verdict["matches"][0];
+        assert_eq!(found["watermark_id"], id.as_str());
+        let how = &found["how"];
+        let number = |name: &str| how[name].as_f64().unwrap();
+        assert_eq!(how["stage"], stage);
+        assert_eq!(number("bits_read") + number("erasures"), 64.0);
+        assert_eq!(how["weights"].as_array().unwrap().len(), 64);
+        let tried = verdict["tried"].as_array().unwrap();
+        let own = tried.iter().find(|tried| tried["stage"] == stage).unwrap();
+        let counted = own["hypotheses"].as_f64().unwrap() / own["share"].as_f64().unwrap();
+        assert!((number("counted") - counted).abs() < 1e-9);
+        let log10_fp = number("log10_bound") + counted.log10();
+        assert!((found["log10_fp"].as_f64().unwrap() - log10_fp).abs() < 1e-9);
+        let hypotheses: u64 = tried.iter().map(|tried| tried["hypotheses"].as_u64().unwrap()).sum();
+        assert_eq!(verdict["hypotheses"], hypotheses);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_depth_says_what_is_tried() {
+    let server = Server::start().await;
+    let (id, _) = server.mark(obj(), "acme").await;
+    for (depth, tried) in [
+        ("fast", vec!["blind", "lattices"]),
+        ("standard", vec!["blind", "in_place", "lattices"]),
+        ("exhaustive", vec!["blind", "in_place", "lattices", "wide_lattices"]),
+    ] {
+        let form = file_form(other_obj()).text("depth", depth).text("watermark_id", id.clone());
+        let verdict = server.verify(form).await;
+        assert_eq!(verdict["verdict"], "no_match", "{verdict}");
+        assert_eq!(verdict["depth"], depth);
+        assert_eq!(stages(&verdict), tried);
+    }
+    let response = server.post("/v1/verifications", file_form(obj()).text("depth", "deep")).await;
+    problem(response, 400, "invalid_parameter").await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

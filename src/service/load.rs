@@ -1,0 +1,66 @@
+//! Loading: the codewords of all live records, derived at the start.
+//!
+//! Reading and deriving overlap: batches of rows are read on several connections while others are
+//! derived on several threads, and enter the index in order.
+
+use std::sync::Arc;
+
+use futures::{StreamExt as _, TryStreamExt as _, stream};
+use rayon::prelude::*;
+use tracing::warn;
+
+use super::{Service, ServiceError, StartError, known};
+use crate::registry::MarkSource;
+
+/// Rows of a batch.
+const ROWS: i64 = 8_192;
+
+/// Batches on their way at once.
+const BATCHES: usize = 4;
+
+impl Service {
+    /// Fills the index of marks.
+    pub(super) async fn load(self: &Arc<Self>) -> Result<(), StartError> {
+        let end = self.registry.last_row().await?;
+        let starts = (0..).map(|batch| batch * ROWS).take_while(|&start| start < end);
+        let batches = stream::iter(starts).map(|start| self.clone().load_batch(start));
+        let unreadable = batches
+            .buffered(BATCHES)
+            .try_fold(0, |sum, (marks, unreadable)| {
+                self.known.extend(marks);
+                std::future::ready(Ok(sum + unreadable))
+            })
+            .await?;
+        if unreadable > 0 {
+            warn!(unreadable, "marks cannot be searched for: their master keys are missing");
+        }
+        Ok(())
+    }
+
+    /// The marks of the rows after `start`, and how many others there are.
+    async fn load_batch(
+        self: Arc<Self>,
+        start: i64,
+    ) -> Result<(Vec<known::Mark>, u64), StartError> {
+        let sources = self.registry.mark_sources(start, start + ROWS).await?;
+        let derived = tokio::task::spawn_blocking(move || self.derive(&sources));
+        derived.await.map_err(|error| StartError::Load(error.to_string()))
+    }
+
+    fn derive(&self, sources: &[MarkSource]) -> (Vec<known::Mark>, u64) {
+        let derived: Vec<Result<known::Mark, ServiceError>> =
+            sources.par_iter().map(|source| known::mark(&self.keys, source)).collect();
+        let mut marks = Vec::with_capacity(derived.len());
+        let mut unreadable = 0;
+        for (mark, source) in derived.into_iter().zip(sources) {
+            match mark {
+                Ok(mark) => marks.push(mark),
+                Err(error) => {
+                    unreadable += 1;
+                    warn!(watermark = %source.id, %error, "a mark cannot be searched for");
+                }
+            }
+        }
+        (marks, unreadable)
+    }
+}

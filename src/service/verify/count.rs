@@ -1,0 +1,43 @@
+//! Counting: from the bound of one hypothesis to a bound for the whole verification.
+//!
+//! The probability that any of many wrong hypotheses scores so high is at most the sum of theirs
+//! (union bound). The sum is split beforehand: each stage has a fixed share of it, the shares add
+//! up to at most 1, and within its share a stage counts all that it scored. So
+//! `log10_fp = log10_bound + log10(hypotheses of the stage / share of the stage)` holds whichever
+//! stages ran and whenever the ladder was left: a stage that looks at few records is not drowned by
+//! one that looked at a million, and looking at the verdict between stages needs no further
+//! correction, as it would with one count for all (each look would be another chance to be wrong).
+//!
+//! Nothing here may depend on what was found.
+
+use super::super::verdict::StageName;
+
+/// The part of the error probability that a stage may spend. They add up to at most 1; what is
+/// left is for detectors to come.
+pub(super) fn share(stage: StageName) -> f64 {
+    match stage {
+        // Most suspects are plain copies.
+        StageName::Blind => 0.5,
+        StageName::Lattices => 0.25,
+        StageName::InPlace => 1.0 / 16.0,
+        StageName::WideLattices => 1.0 / 16.0,
+    }
+}
+
+/// What the bounds of a stage's hypotheses are multiplied by.
+pub(super) fn counted(stage: StageName, hypotheses: u64) -> f64 {
+    // At most 2^53 hypotheses: exact.
+    hypotheses.max(1) as f64 / share(stage)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shares_add_up_to_at_most_one() {
+        let sum: f64 = StageName::ALL.into_iter().map(share).sum();
+        assert!(sum <= 1.0, "{sum}");
+        assert!(StageName::ALL.into_iter().all(|stage| share(stage) > 0.0));
+    }
+}

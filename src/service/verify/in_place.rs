@@ -1,0 +1,54 @@
+//! The host's own frame, for marks that the request names: a suspect that was neither moved nor
+//! scaled is read there even when half of it has been cut away.
+
+use std::sync::Arc;
+
+use super::super::ServiceError;
+use super::super::known::codeword;
+use super::super::verdict::{FrameName, StageName};
+use super::go_on;
+use super::ladder::{Case, MOST_MATCHES, Stage, Tried};
+use crate::keys::KeyRing;
+use crate::registry::Record;
+use crate::watermark::{Candidate, Hypothesis, Suspect, Worth};
+
+/// Records that are scored, newest first: one pass over the norms each.
+const MOST_RECORDS: usize = 1_000;
+
+pub(super) struct InPlace;
+
+impl Stage for InPlace {
+    fn name(&self) -> StageName {
+        StageName::InPlace
+    }
+
+    fn frame(&self) -> FrameName {
+        FrameName::InPlace
+    }
+
+    fn run(&self, case: &Case<'_>, worth: Worth) -> Result<Tried, ServiceError> {
+        let mut tried = Tried::default();
+        for record in case.named.unwrap_or_default().iter().rev().take(MOST_RECORDS) {
+            go_on(case.stop)?;
+            let candidate = score(case.suspect, record, case.keys)?;
+            tried.hypotheses += 1;
+            tried.candidates.extend(Some(candidate).filter(|c| c.log10_bound <= worth.log10_bound));
+        }
+        tried.candidates.sort_by(|a, b| a.log10_bound.total_cmp(&b.log10_bound));
+        tried.candidates.truncate(MOST_MATCHES);
+        Ok(tried)
+    }
+}
+
+fn score(suspect: &Suspect, record: &Record, keys: &KeyRing) -> Result<Candidate, ServiceError> {
+    let codeword = codeword(keys, &record.source())?;
+    let modulation = record.method.modulation();
+    let soft = suspect.read_in(&record.frame, codeword.lattice_class(), record.bits, modulation);
+    let score = soft.score(&codeword);
+    Ok(Candidate {
+        id: record.id.as_u128(),
+        log10_bound: soft.log10_bound(score.t),
+        score,
+        hypothesis: Hypothesis { frame: record.frame, soft: Arc::new(soft) },
+    })
+}

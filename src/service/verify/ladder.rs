@@ -1,0 +1,126 @@
+//! The ladder of detectors: the cheap ones first, the dear ones while the verdict is open.
+//!
+//! A stage is a file with a type that is a [`Stage`], a name with its share in `count`, and a line
+//! in [`stages`]. What a stage chooses to score may depend on the suspect, the request and the
+//! registry's size, never on codewords.
+
+use std::collections::BTreeMap;
+
+use uuid::Uuid;
+
+use super::super::ServiceError;
+use super::super::verdict::{FrameName, StageName, Thresholds};
+use super::count::{counted, share};
+use super::{Depth, blind, go_on, in_place, lattices};
+use crate::jobs::Stop;
+use crate::keys::KeyRing;
+use crate::registry::Record;
+use crate::watermark::{Candidate, CodewordIndex, Suspect, Worth};
+
+/// Matches listed at most.
+pub(super) const MOST_MATCHES: usize = 20;
+
+/// What all stages look at.
+pub(super) struct Case<'a> {
+    pub(super) suspect: &'a Suspect,
+    /// The marks that it is compared with.
+    pub(super) marks: &'a CodewordIndex,
+    /// Their records, oldest first, when the request names some.
+    pub(super) named: Option<&'a [Record]>,
+    pub(super) keys: &'a KeyRing,
+    pub(super) depth: Depth,
+    pub(super) stop: &'a Stop,
+}
+
+/// One detector.
+pub(super) trait Stage: Sync {
+    fn name(&self) -> StageName;
+
+    /// In which frame it reads.
+    fn frame(&self) -> FrameName;
+
+    /// Scores its hypotheses: how many, and those that are `worth` a report.
+    fn run(&self, case: &Case<'_>, worth: Worth) -> Result<Tried, ServiceError>;
+}
+
+/// The outcome of a stage.
+#[derive(Debug, Default)]
+pub(super) struct Tried {
+    pub(super) hypotheses: u64,
+    pub(super) candidates: Vec<Candidate>,
+}
+
+/// A record that may have marked the suspect, by its best hypothesis.
+#[derive(Debug)]
+pub(super) struct Found {
+    pub(super) id: Uuid,
+    pub(super) stage: StageName,
+    pub(super) frame: FrameName,
+    pub(super) candidate: Candidate,
+    /// What its bound is multiplied by.
+    pub(super) counted: f64,
+    pub(super) log10_fp: f64,
+}
+
+/// The outcome of the ladder.
+#[derive(Debug, Default)]
+pub(super) struct Climbed {
+    /// Stages in the order in which they ran, with the hypotheses that each scored.
+    pub(super) tried: Vec<(StageName, u64)>,
+    /// Best first, each record once.
+    pub(super) found: Vec<Found>,
+}
+
+/// The stages of a depth, in order.
+fn stages(depth: Depth) -> Vec<Box<dyn Stage>> {
+    let mut stages: Vec<Box<dyn Stage>> = vec![Box::new(blind::Blind)];
+    if depth != Depth::Fast {
+        stages.push(Box::new(in_place::InPlace));
+    }
+    stages.push(Box::new(lattices::LatticeSearch { wide: false }));
+    if depth == Depth::Exhaustive {
+        stages.push(Box::new(lattices::LatticeSearch { wide: true }));
+    }
+    stages
+}
+
+/// Runs stage after stage until some record matches.
+pub(super) fn climb(case: &Case<'_>, thresholds: Thresholds) -> Result<Climbed, ServiceError> {
+    let mut tried = Vec::new();
+    let mut best: BTreeMap<Uuid, Found> = BTreeMap::new();
+    for stage in stages(case.depth) {
+        go_on(case.stop)?;
+        let name = stage.name();
+        // One hypothesis at least is counted: what is not worth a report then is not with more.
+        let worth = Worth {
+            log10_bound: thresholds.inconclusive + share(name).log10(),
+            most: MOST_MATCHES,
+        };
+        let Tried { hypotheses, candidates } = stage.run(case, worth)?;
+        if hypotheses == 0 {
+            continue;
+        }
+        tried.push((name, hypotheses));
+        let counted = counted(name, hypotheses);
+        for candidate in candidates {
+            // (A bound that is no number becomes 0 here: it matches nothing.)
+            let log10_fp = (candidate.log10_bound + counted.log10()).min(0.0);
+            if log10_fp >= thresholds.inconclusive {
+                continue;
+            }
+            let id = Uuid::from_u128(candidate.id);
+            let found =
+                Found { id, stage: name, frame: stage.frame(), candidate, counted, log10_fp };
+            let known = best.get(&id).map_or(f64::INFINITY, |known| known.log10_fp);
+            if log10_fp < known {
+                best.insert(id, found);
+            }
+        }
+        if best.values().any(|found| found.log10_fp < thresholds.certain) {
+            break;
+        }
+    }
+    let mut found: Vec<Found> = best.into_values().collect();
+    found.sort_by(|a, b| a.log10_fp.total_cmp(&b.log10_fp).then(a.id.cmp(&b.id)));
+    Ok(Climbed { tried, found })
+}

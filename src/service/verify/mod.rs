@@ -1,0 +1,201 @@
+//! Verify: whose mark does this file carry?
+//!
+//! A verdict is a bound, not a feeling (design invariant 4): `log10_fp` bounds the probability
+//! that a file which does not carry the mark scores so high, and every hypothesis that was scored
+//! is counted (`count`). Detectors are stages of a ladder (`ladder`), one file each, the cheap ones
+//! first; the dear ones run while the verdict is open. What a request names restricts what is
+//! scored, and so what is counted.
+
+mod blind;
+mod count;
+mod in_place;
+mod judge;
+mod ladder;
+mod lattices;
+
+use std::fmt;
+use std::str::FromStr;
+use std::sync::Arc;
+
+use serde::Serialize;
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::verdict::Verification;
+use super::{BATCH, Service, ServiceError, Spooled, Text};
+use crate::formats::{Asset, Format};
+use crate::jobs::{JobError, Stop};
+use crate::registry::{Record, StoredVerification};
+use crate::watermark::Suspect;
+use ladder::{Case, Climbed};
+
+/// A suspect, and what it is compared with.
+#[derive(Debug)]
+pub struct VerifyRequest {
+    /// The suspect.
+    pub file: Spooled,
+    /// Only this owner's marks.
+    pub owner_id: Option<Text>,
+    /// Only this mark.
+    pub watermark_id: Option<Uuid>,
+    /// How much is tried.
+    pub depth: Depth,
+}
+
+/// How much a verification tries before it says that there is no match.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Depth {
+    /// The blind frame, and a small search around it.
+    Fast,
+    /// All detectors.
+    #[default]
+    Standard,
+    /// All detectors, with a search that takes seconds.
+    Exhaustive,
+}
+
+impl Depth {
+    /// All of them, the least first.
+    pub const ALL: [Self; 3] = [Self::Fast, Self::Standard, Self::Exhaustive];
+
+    /// Its name in requests.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fast => "fast",
+            Self::Standard => "standard",
+            Self::Exhaustive => "exhaustive",
+        }
+    }
+}
+
+impl fmt::Display for Depth {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Depth {
+    type Err = &'static str;
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        let named = Self::ALL.into_iter().find(|depth| depth.name() == name);
+        named.ok_or("must be fast, standard or exhaustive")
+    }
+}
+
+/// What the pool hands back.
+struct Searched {
+    format: Format,
+    vertices: usize,
+    triangles: usize,
+    climbed: Climbed,
+}
+
+impl Service {
+    /// Compares a suspect with the registered marks and keeps the verdict.
+    ///
+    /// # Errors
+    /// [`ServiceError`]: the file cannot be read, or names a record that does not exist.
+    pub async fn verify(
+        self: &Arc<Self>,
+        request: VerifyRequest,
+    ) -> Result<Verification, ServiceError> {
+        let named = self.named(&request).await?;
+        let (service, mut file, depth) = (self.clone(), request.file, request.depth);
+        let sha256 = hex::encode(file.sha256);
+        let searched = self
+            .run(file.bytes, move |stop| {
+                let bytes = file.read()?;
+                service.search(&bytes, named.as_deref(), depth, stop)
+            })
+            .await?;
+        let verification = self.judge(searched, depth, sha256).await?;
+        if self.only_reads {
+            return Ok(verification);
+        }
+        let answer = serde_json::to_value(&verification)
+            .map_err(|error| ServiceError::Internal(error.to_string()))?;
+        let stored =
+            StoredVerification { id: verification.id, created_at: verification.created_at, answer };
+        self.registry.keep_verification(&stored).await?;
+        Ok(verification)
+    }
+
+    /// A verdict as it was answered.
+    ///
+    /// # Errors
+    /// [`ServiceError::UnknownVerification`].
+    pub async fn verification(&self, id: Uuid) -> Result<serde_json::Value, ServiceError> {
+        let found = self.registry.verification(id).await?;
+        Ok(found.ok_or(ServiceError::UnknownVerification(id))?.answer)
+    }
+
+    /// The live records that the request names, oldest first; `None` when it names nothing.
+    async fn named(&self, request: &VerifyRequest) -> Result<Option<Vec<Record>>, ServiceError> {
+        let owner_id = request.owner_id.as_ref().map(Text::as_str);
+        if let Some(id) = request.watermark_id {
+            let record =
+                self.registry.record(id).await?.ok_or(ServiceError::UnknownWatermark(id))?;
+            let theirs = owner_id.is_none_or(|owner_id| record.owner_id == owner_id);
+            let live = record.revoked_at.is_none();
+            return Ok(Some(Vec::from_iter((theirs && live).then_some(record))));
+        }
+        if owner_id.is_none() {
+            return Ok(None);
+        }
+        let (mut all, mut after) = (Vec::new(), None);
+        loop {
+            let records = self.registry.live(owner_id, after, BATCH).await?;
+            let Some(last) = records.last() else { return Ok(Some(all)) };
+            after = Some(last.id);
+            all.extend(records);
+        }
+    }
+
+    /// On the pool: reads the suspect and climbs the ladder.
+    fn search(
+        &self,
+        bytes: &[u8],
+        named: Option<&[Record]>,
+        depth: Depth,
+        stop: &Stop,
+    ) -> Result<Searched, ServiceError> {
+        let asset = Asset::read(bytes, &self.config.limits)?;
+        let format = asset.format();
+        let mesh = asset.into_mesh();
+        go_on(stop)?;
+        let suspect = Suspect::new(&mesh)?;
+        go_on(stop)?;
+        let marks = self.known.marks();
+        let marks = match named {
+            None => marks,
+            Some(records) => {
+                let mut ids: Vec<u128> = records.iter().map(|record| record.id.as_u128()).collect();
+                ids.sort_unstable();
+                marks.only(&ids)
+            }
+        };
+        let case = Case { suspect: &suspect, marks: &marks, named, keys: &self.keys, depth, stop };
+        let climbed = ladder::climb(&case, self.thresholds())?;
+        let (vertices, triangles) = (mesh.positions().len(), mesh.triangles().len());
+        Ok(Searched { format, vertices, triangles, climbed })
+    }
+}
+
+fn go_on(stop: &Stop) -> Result<(), ServiceError> {
+    if stop.now() { Err(JobError::DeadlinePassed.into()) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depths_read_back() {
+        for depth in Depth::ALL {
+            assert_eq!(depth.to_string().parse(), Ok(depth));
+        }
+        assert!("deep".parse::<Depth>().is_err());
+    }
+}

@@ -1,0 +1,217 @@
+//! The centre about which the norms look most like marked ones.
+//!
+//! A mark pushes the norms of every bin to one of its sides, so that about the right centre their
+//! density has steps at the scale of a bin; about another centre, off by a third of a bin width
+//! or more, norms of different directions smear them. Hence a centre is judged by the roughness of
+//! its histogram at that scale, which needs no lattice. A cut of 2 % moves the centre by 0.4 to
+//! 1.6 % of the diagonal, one to three bin widths of 64 (measured on bunny, horse, nefertiti and
+//! armadillo): a ball of a few thousand centres.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::Effort;
+use super::outliers::Body;
+use crate::watermark::bins::norms;
+use crate::watermark::{BitCount, Frame, Modulation};
+
+/// Histogram cells per bin of the middle lattice class.
+const CELLS_PER_BIN: f64 = 8.0;
+
+/// A bin of the middle lattice class, as a share of the radial extent over M.
+const MIDDLE_BIN: f64 = 0.85;
+
+/// Points that are looked at: so many a bin, when looking around and when looking closely.
+const POINTS_PER_BIN: (usize, usize) = (64, 256);
+
+/// Half the edge of a cell of the body-centred grid of centres, in bins: no centre is farther than
+/// 0.35 bins from one of the grid, where half of the roughness is left.
+const STEP: f64 = 0.313;
+
+/// Centres that are looked at closely, per centre wanted.
+const CLOSER_LOOKS: usize = 6;
+
+/// Points whose distances are worked out together.
+const LOT: usize = 256;
+
+/// Steps of the closer look, in bins.
+const CLOSER_STEPS: [f64; 4] = [0.2, 0.1, 0.05, 0.025];
+
+/// Moves of the closer look at one step length.
+const MOST_MOVES: usize = 12;
+
+/// The radius of a search is at most its share of the diagonal times this many bins: a third more
+/// than a bin of 64 of a long shape makes of it.
+const BINS_PER_RADIUS: f64 = 300.0;
+
+/// Points that are looked at, at the most.
+const MOST_POINTS: usize = 32_768;
+
+/// A histogram cell counts at most this much, in units of its own variance: a cylinder has all of
+/// its norms in one cell and says nothing about a mark.
+const CAP: f32 = 16.0;
+
+/// The best centres other than the body's own, best first.
+pub fn search(body: &Body, bits: BitCount, modulation: Modulation, effort: &Effort) -> Vec<DVec3> {
+    let frame = Frame::spanning(body.centre, &norms(&body.positions, body.centre));
+    let bin = MIDDLE_BIN * frame.radial_extent() / bits.get() as f64;
+    // A round shape's bins are thin, and so are those of many bits: no more centres for them.
+    let radius = (effort.radius * body.diagonal).min(BINS_PER_RADIUS * effort.radius * bin);
+    if !(bin > 0.0 && effort.centres > 0) {
+        return Vec::new();
+    }
+    let view =
+        |per_bin: usize| View::new(body, &frame, bin, radius, per_bin * bits.get(), modulation);
+    let around = view(POINTS_PER_BIN.0);
+    let mut seen: Vec<(f32, Vec3)> = ball(single(radius / bin), single(STEP))
+        .into_par_iter()
+        .map_init(|| around.cells(), |cells, at| (around.roughness(at, cells), at))
+        .collect();
+    seen.sort_by(|a, b| b.0.total_cmp(&a.0));
+    // Neighbours of a better one lead to the same place.
+    let mut starts: Vec<Vec3> = vec![Vec3::ZERO];
+    for (_, at) in seen {
+        if starts.len() > CLOSER_LOOKS * effort.centres {
+            break;
+        }
+        if starts.iter().skip(1).all(|other| other.distance(at) > 2.2 * single(STEP)) {
+            starts.push(at);
+        }
+    }
+    let close = view(POINTS_PER_BIN.1);
+    let mut best: Vec<(f32, Vec3)> = starts
+        .into_par_iter()
+        .map_init(|| close.cells(), |cells, start| close.climb(start, cells))
+        .collect();
+    best.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut centres: Vec<Vec3> = Vec::new();
+    for (_, at) in best {
+        let new = centres.iter().all(|other| other.distance(at) > 0.1);
+        if new && at.length() > 0.02 && centres.len() < effort.centres {
+            centres.push(at);
+        }
+    }
+    centres.into_iter().map(|at| body.centre + bin * at.as_dvec3()).collect()
+}
+
+/// Rounds to single precision: offsets and counts here need no more.
+fn single(x: f64) -> f32 {
+    #[expect(clippy::cast_possible_truncation, reason = "rounding is meant")]
+    let x = x as f32;
+    x
+}
+
+/// The points of a body-centred cubic grid within `radius` of zero, in a fixed order: it covers a
+/// ball with half the points of a cubic one.
+fn ball(radius: f32, step: f32) -> Vec<Vec3> {
+    #[expect(clippy::cast_possible_truncation, reason = "a few dozen at most")]
+    let reach = (radius / step).clamp(0.0, 100.0) as i16;
+    let line = || -reach..=reach;
+    let plane = line().flat_map(|x| line().map(move |y| (x, y)));
+    let all = plane.flat_map(|(x, y)| line().map(move |z| [x, y, z]));
+    let alike = |[x, y, z]: &[i16; 3]| (x ^ y) & 1 == 0 && (y ^ z) & 1 == 0;
+    let points = all.filter(alike).map(|at| step * Vec3::from_array(at.map(f32::from)));
+    points.filter(|at| at.length() <= radius).collect()
+}
+
+/// Some of the points, in units of a bin about the body's centre.
+struct View {
+    /// Their coordinates, axis by axis: four distances at a time.
+    points: [Vec<f32>; 3],
+    /// Smallest norm of the histogram, in cells.
+    first: f32,
+    count: usize,
+    /// Half the width of the Haar wavelet, in cells: half a bin for the mean, whose norms crowd in
+    /// one half of a bin; a quarter for the variance, whose norms crowd in its middle or its ends.
+    half: usize,
+}
+
+impl View {
+    fn new(
+        body: &Body,
+        frame: &Frame,
+        bin: f64,
+        radius: f64,
+        points: usize,
+        modulation: Modulation,
+    ) -> Self {
+        let all = body.positions.len();
+        let points = points.min(all).min(MOST_POINTS);
+        let chosen = (0..points).map(|k| body.positions[k * all / points.max(1)]);
+        let chosen: Vec<Vec3> = chosen.map(|p| ((p - body.centre) / bin).as_vec3()).collect();
+        let points = std::array::from_fn(|axis| chosen.iter().map(|p| p[axis]).collect());
+        let cells = |length: f64| length / bin * CELLS_PER_BIN;
+        let first = single(cells(frame.rho_min - radius) - 1.0);
+        // Bounded: a radius is a few bins, an extent 300 bins at most.
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "see above")]
+        let count = cells(frame.radial_extent() + 2.0 * radius).clamp(1.0, 1e5) as usize + 3;
+        let half = match modulation {
+            Modulation::Mean => 4,
+            Modulation::Variance => 2,
+        };
+        Self { points, first, count, half }
+    }
+
+    fn cells(&self) -> Vec<f32> {
+        vec![0.0; self.count]
+    }
+
+    /// How rough the norms about `centre` (in bins) are at the scale of half a bin: the sum over the
+    /// histogram of squared differences of neighbouring half bins, each over its variance.
+    fn roughness(&self, centre: Vec3, cells: &mut [f32]) -> f32 {
+        cells.fill(0.0);
+        let scale = single(CELLS_PER_BIN);
+        let [xs, ys, zs] = &self.points;
+        let mut places = [0_u32; LOT];
+        for ((xs, ys), zs) in xs.chunks(LOT).zip(ys.chunks(LOT)).zip(zs.chunks(LOT)) {
+            for (((place, x), y), z) in places.iter_mut().zip(xs).zip(ys).zip(zs) {
+                let (x, y, z) = (x - centre.x, y - centre.y, z - centre.z);
+                let cell = (x * x + y * y + z * z).sqrt() * scale - self.first;
+                #[expect(clippy::cast_possible_truncation, reason = "cells are few; saturates")]
+                let cell = cell as i32;
+                *place = cell.cast_unsigned();
+            }
+            for &place in places.iter().take(xs.len()) {
+                if let Some(cell) = cells.get_mut(place as usize) {
+                    *cell += 1.0;
+                }
+            }
+        }
+        // Counts below 2^24: exact.
+        let mut sum = 0.0;
+        for cell in cells.iter_mut() {
+            sum += *cell;
+            *cell = sum;
+        }
+        let triples =
+            cells.iter().zip(cells.iter().skip(self.half)).zip(cells.iter().skip(2 * self.half));
+        triples
+            .map(|((a, b), c)| {
+                let difference = c - b - (b - a);
+                (difference * difference / (c - a + 1.0)).min(CAP)
+            })
+            .sum()
+    }
+
+    /// Uphill from `start`, in ever smaller steps.
+    fn climb(&self, start: Vec3, cells: &mut [f32]) -> (f32, Vec3) {
+        let mut best = (self.roughness(start, cells), start);
+        for step in CLOSER_STEPS.map(single) {
+            for _ in 0..MOST_MOVES {
+                let here = best.1;
+                for axis in Vec3::AXES {
+                    for to in [here + step * axis, here - step * axis] {
+                        let rough = self.roughness(to, cells);
+                        if rough > best.0 {
+                            best = (rough, to);
+                        }
+                    }
+                }
+                if best.1 == here {
+                    break;
+                }
+            }
+        }
+        best
+    }
+}

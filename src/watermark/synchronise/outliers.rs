@@ -1,0 +1,81 @@
+//! The body of a suspect: without stray parts that lie far from the rest.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::mesh::surface::Surface;
+use crate::watermark::{Profile, Suspect};
+
+/// Share of the carriers, at each end of the norms, that may be stray; and at least so many.
+const TAIL: (usize, usize) = (200, 64);
+
+/// A gap in the norms of that tail, as a share of the extent of the rest, beyond which everything
+/// is stray. Sparse tips of the meshes measured leave gaps below 0.03.
+const GAP: f64 = 0.1;
+
+/// What is left of a suspect.
+#[derive(Debug)]
+pub struct Body {
+    /// Its points.
+    pub positions: Vec<DVec3>,
+    /// Its area-weighted centre.
+    pub centre: DVec3,
+    /// The diagonal of its bounding box.
+    pub diagonal: f64,
+}
+
+/// The suspect without what lies beyond a wide gap in its norms.
+pub fn body(suspect: &Suspect) -> Body {
+    let surface = suspect.surface();
+    let mut centre = suspect.frame().centre;
+    let (mut low, mut high) = range(suspect.profile());
+    let norms = suspect.profile().norms();
+    if norms.first().is_some_and(|&rho| rho < low) || norms.last().is_some_and(|&rho| rho > high) {
+        // The strays had their part in the centre that told them apart: once more about the new.
+        for _ in 0..2 {
+            let near = |&p: &DVec3| (low..=high).contains(&(p - centre).length());
+            let part = part(surface, near);
+            let profile = Profile::about(&part.positions, part.centre());
+            centre = profile.frame().centre;
+            (low, high) = range(&profile);
+        }
+        let near = |&p: &DVec3| (low..=high).contains(&(p - centre).length());
+        let part = part(surface, near);
+        let (centre, diagonal) = (part.centre(), part.diagonal());
+        return Body { positions: part.positions, centre, diagonal };
+    }
+    Body { positions: surface.positions.clone(), centre, diagonal: surface.diagonal() }
+}
+
+/// The triangles all of whose corners are `near`, and the points that are.
+fn part(surface: &Surface, near: impl Fn(&DVec3) -> bool + Sync) -> Surface {
+    let kept: Vec<bool> = surface.positions.par_iter().map(&near).collect();
+    let mut new = vec![u32::MAX; kept.len()];
+    let mut positions = Vec::with_capacity(kept.len());
+    for ((&p, &kept), new) in surface.positions.iter().zip(&kept).zip(&mut new) {
+        if kept {
+            *new = u32::try_from(positions.len()).unwrap_or(u32::MAX);
+            positions.push(p);
+        }
+    }
+    let all_kept = |t: &&[u32; 3]| t.iter().all(|&v| kept[v as usize]);
+    let renamed = |t: &[u32; 3]| t.map(|v| new[v as usize]);
+    let triangles = surface.triangles.par_iter().filter(all_kept).map(renamed).collect();
+    Surface { positions, triangles, carrier_of: Vec::new(), first_vertex: Vec::new() }
+}
+
+/// The range of norms around the middle that no wide gap interrupts.
+fn range(profile: &Profile) -> (f64, f64) {
+    let norms = profile.norms();
+    let (Some(&first), Some(&last)) = (norms.first(), norms.last()) else { return (0.0, 0.0) };
+    let tail = (norms.len() / TAIL.0).max(TAIL.1).min(norms.len() / 4);
+    let (below, rest) = norms.split_at(tail);
+    let (rest, above) = rest.split_at(rest.len() - tail);
+    let (Some(&low), Some(&high)) = (rest.first(), rest.last()) else { return (first, last) };
+    let gap = GAP * (high - low);
+    let outward = |from: f64, next: f64| ((next - from).abs() <= gap).then_some(next);
+    let high = above.iter().try_fold(high, |from, &next| outward(from, next).ok_or(from));
+    let low = below.iter().rev().try_fold(low, |from, &next| outward(from, next).ok_or(from));
+    let either = |end: Result<f64, f64>| end.unwrap_or_else(|end| end);
+    (either(low), either(high))
+}
