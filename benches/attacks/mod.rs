@@ -20,9 +20,9 @@ pub const ATTACKS: [Attack; 12] = [
     ("10 large stray triangles", |mesh| stray_triangles(mesh, 10, 1e-2)),
     ("Laplacian 0.5 x 1", |mesh| smoothed(mesh, 0.5, 1)),
     ("Laplacian 0.1 x 5", |mesh| smoothed(mesh, 0.1, 5)),
-    ("farthest 0.2 % missing", |mesh| without_farthest(mesh, 0.002)),
-    ("farthest 2 % missing", |mesh| without_farthest(mesh, 0.02)),
-    ("cropped by a plane 2 %", |mesh| cropped(mesh, DVec3::new(0.3, 1.0, 0.2), 0.02)),
+    ("farthest 0.2 % missing", |mesh| without_farthest(mesh, 2)),
+    ("farthest 2 % missing", |mesh| without_farthest(mesh, 20)),
+    ("cropped by a plane 2 %", |mesh| cropped(mesh, DVec3::new(0.3, 1.0, 0.2), 20)),
 ];
 
 fn centre(mesh: &Mesh) -> DVec3 {
@@ -129,21 +129,21 @@ fn without(mesh: &Mesh, gone: &[bool]) -> Mesh {
 }
 
 /// Without this share of the vertices, those farthest from the centre.
-fn without_farthest(mesh: &Mesh, share: f64) -> Mesh {
+fn without_farthest(mesh: &Mesh, thousandths: usize) -> Mesh {
     let order = by_norm(mesh, centre(mesh));
     let mut gone = vec![false; mesh.positions().len()];
-    let left = order.len() - (share * order.len() as f64) as usize;
+    let left = order.len() - order.len() * thousandths / 1000;
     order[left..].iter().for_each(|&v| gone[v] = true);
     without(mesh, &gone)
 }
 
 /// Without this share of the vertices, cut off by a plane.
-fn cropped(mesh: &Mesh, normal: DVec3, share: f64) -> Mesh {
+fn cropped(mesh: &Mesh, normal: DVec3, thousandths: usize) -> Mesh {
     let used: BTreeSet<u32> = mesh.triangles().iter().flatten().copied().collect();
     let mut heights: Vec<f64> =
         used.iter().map(|&v| normal.dot(mesh.positions()[v as usize])).collect();
     heights.sort_by(f64::total_cmp);
-    let cut = heights[heights.len() - (share * heights.len() as f64) as usize];
+    let cut = heights[heights.len() - heights.len() * thousandths / 1000];
     let gone: Vec<bool> = mesh.positions().iter().map(|p| normal.dot(*p) >= cut).collect();
     without(mesh, &gone)
 }

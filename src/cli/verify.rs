@@ -71,15 +71,19 @@ fn print(verification: &Verification) {
         Verdict::NoMatch => "no match",
     };
     println!("{verdict} ({} hypotheses)", verification.hypotheses);
+    for tried in &verification.tried {
+        println!("  tried {}: {} hypotheses", tried.stage.name(), tried.hypotheses);
+    }
     for found in &verification.matches {
         let recipient = found.recipient.as_deref().unwrap_or("-");
         println!(
-            "{}  owner {}  recipient {recipient}  log10_fp {:.1}  {} of {} bits",
+            "{}  owner {}  recipient {recipient}  log10_fp {:.1}  {} of {} bits  by {}",
             found.watermark_id,
             found.owner_id,
             found.log10_fp,
             found.bits_agreeing,
-            found.bits_read
+            found.bits_read,
+            found.how.stage.name()
         );
     }
 }

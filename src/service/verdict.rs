@@ -39,15 +39,30 @@ pub enum StageName {
     Blind,
     /// The host's own frame, for marks that the request names.
     InPlace,
-    /// Centre and lattice searched from the suspect alone.
+    /// Centre and lattice searched from the suspect alone, near its own centre.
+    NearLattices,
+    /// The same, as far as a cut of some percent moves the centre.
     Lattices,
-    /// The same, wider.
+    /// The same, farther, and with more lattices.
     WideLattices,
 }
 
 impl StageName {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Blind, Self::InPlace, Self::Lattices, Self::WideLattices];
+    pub const ALL: [Self; 5] =
+        [Self::Blind, Self::InPlace, Self::NearLattices, Self::Lattices, Self::WideLattices];
+
+    /// Its name in answers.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Blind => "blind",
+            Self::InPlace => "in_place",
+            Self::NearLattices => "near_lattices",
+            Self::Lattices => "lattices",
+            Self::WideLattices => "wide_lattices",
+        }
+    }
 }
 
 /// Where verdicts change, as log10 of a bound.

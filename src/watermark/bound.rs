@@ -151,6 +151,6 @@ mod tests {
                 assert!(log10_chernoff(&weights, least + 0.05 * total) < wanted, "{wanted}");
             }
         }
-        assert_eq!(least_score(&vec![1.0; 16], -5.0), None, "16 bits say 4.8 decades");
+        assert_eq!(least_score(&[1.0; 16], -5.0), None, "16 bits say 4.8 decades");
     }
 }

@@ -108,7 +108,7 @@ async fn an_answer_explains_itself() {
     let server = Server::start().await;
     let (id, file) = server.mark(obj(), "acme").await;
     server.mark(other_obj(), "other").await;
-    for (suspect, stage) in [(file.clone(), "blind"), (with_a_stray(&file), "lattices")] {
+    for (suspect, stage) in [(file.clone(), "blind"), (with_a_stray(&file), "near_lattices")] {
         let verdict = server.verify(file_form(&suspect)).await;
         assert_eq!(verdict["verdict"], "match", "{verdict}");
         assert_eq!(verdict["depth"], "standard");
@@ -135,9 +135,9 @@ async fn a_depth_says_what_is_tried() {
     let server = Server::start().await;
     let (id, _) = server.mark(obj(), "acme").await;
     for (depth, tried) in [
-        ("fast", vec!["blind", "lattices"]),
-        ("standard", vec!["blind", "in_place", "lattices"]),
-        ("exhaustive", vec!["blind", "in_place", "lattices", "wide_lattices"]),
+        ("fast", vec!["blind", "near_lattices"]),
+        ("standard", vec!["blind", "in_place", "near_lattices", "lattices"]),
+        ("exhaustive", vec!["blind", "in_place", "near_lattices", "lattices", "wide_lattices"]),
     ] {
         let form = file_form(other_obj()).text("depth", depth).text("watermark_id", id.clone());
         let verdict = server.verify(form).await;

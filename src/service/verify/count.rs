@@ -16,11 +16,10 @@ use super::super::verdict::StageName;
 /// left is for detectors to come.
 pub(super) fn share(stage: StageName) -> f64 {
     match stage {
-        // Most suspects are plain copies.
-        StageName::Blind => 0.5,
-        StageName::Lattices => 0.25,
-        StageName::InPlace => 1.0 / 16.0,
-        StageName::WideLattices => 1.0 / 16.0,
+        StageName::Blind | StageName::NearLattices => 0.25,
+        StageName::Lattices => 0.125,
+        StageName::InPlace => 0.0625,
+        StageName::WideLattices => 0.03125,
     }
 }
 

@@ -10,8 +10,11 @@ use uuid::Uuid;
 
 use super::super::ServiceError;
 use super::super::verdict::{FrameName, StageName, Thresholds};
+use super::blind::Blind;
 use super::count::{counted, share};
-use super::{Depth, blind, go_on, in_place, lattices};
+use super::in_place::InPlace;
+use super::lattices::LatticeSearch;
+use super::{Depth, go_on};
 use crate::jobs::Stop;
 use crate::keys::KeyRing;
 use crate::registry::Record;
@@ -72,16 +75,14 @@ pub(super) struct Climbed {
 }
 
 /// The stages of a depth, in order.
-fn stages(depth: Depth) -> Vec<Box<dyn Stage>> {
-    let mut stages: Vec<Box<dyn Stage>> = vec![Box::new(blind::Blind)];
-    if depth != Depth::Fast {
-        stages.push(Box::new(in_place::InPlace));
+fn stages(depth: Depth) -> &'static [&'static dyn Stage] {
+    match depth {
+        Depth::Fast => &[&Blind, &LatticeSearch::NEAR],
+        Depth::Standard => &[&Blind, &InPlace, &LatticeSearch::NEAR, &LatticeSearch::FULL],
+        Depth::Exhaustive => {
+            &[&Blind, &InPlace, &LatticeSearch::NEAR, &LatticeSearch::FULL, &LatticeSearch::WIDE]
+        }
     }
-    stages.push(Box::new(lattices::LatticeSearch { wide: false }));
-    if depth == Depth::Exhaustive {
-        stages.push(Box::new(lattices::LatticeSearch { wide: true }));
-    }
-    stages
 }
 
 /// Runs stage after stage until some record matches.

@@ -5,35 +5,41 @@ use std::collections::BTreeMap;
 
 use super::super::ServiceError;
 use super::super::verdict::{FrameName, StageName};
+use super::go_on;
 use super::ladder::{Case, Stage, Tried};
-use super::{Depth, go_on};
 use crate::watermark::{BitCount, Effort, GroupKey, Lattices, Modulation, Worth, synchronise};
 
 /// Kinds of marks (number of bits and modulation) that are searched for, those with most records
 /// first: each costs a search of its own.
 const MOST_KINDS: usize = 4;
 
+/// A lattice search, near or far.
 pub(super) struct LatticeSearch {
-    /// The second search of an exhaustive verification.
-    pub(super) wide: bool,
+    name: StageName,
+    effort: Effort,
 }
 
 impl LatticeSearch {
-    /// Figures of `benches/blind.rs`.
-    fn effort(&self, depth: Depth) -> Effort {
-        match depth {
-            _ if self.wide => Effort { radius: 0.04, centres: 8, lattices: 24 },
-            Depth::Fast => Effort { radius: 0.002, centres: 1, lattices: 4 },
-            Depth::Standard | Depth::Exhaustive => {
-                Effort { radius: 0.018, centres: 2, lattices: 8 }
-            }
-        }
-    }
+    /// For extremes that have moved and centres that hardly have: stray vertices, smoothing.
+    pub(super) const NEAR: Self = Self {
+        name: StageName::NearLattices,
+        effort: Effort { radius: 0.002, centres: 1, lattices: 4 },
+    };
+    /// For a cut of 2 %, which moves the centre by up to 1.7 % of the diagonal.
+    pub(super) const FULL: Self = Self {
+        name: StageName::Lattices,
+        effort: Effort { radius: 0.018, centres: 2, lattices: 8 },
+    };
+    /// For a cut of 5 %.
+    pub(super) const WIDE: Self = Self {
+        name: StageName::WideLattices,
+        effort: Effort { radius: 0.04, centres: 8, lattices: 24 },
+    };
 }
 
 impl Stage for LatticeSearch {
     fn name(&self) -> StageName {
-        if self.wide { StageName::WideLattices } else { StageName::Lattices }
+        self.name
     }
 
     fn frame(&self) -> FrameName {
@@ -41,11 +47,10 @@ impl Stage for LatticeSearch {
     }
 
     fn run(&self, case: &Case<'_>, worth: Worth) -> Result<Tried, ServiceError> {
-        let effort = self.effort(case.depth);
         let mut lattices: BTreeMap<(BitCount, Modulation), Lattices> = BTreeMap::new();
         for (bits, modulation) in case.marks.kinds().into_iter().take(MOST_KINDS) {
             go_on(case.stop)?;
-            let found = synchronise(case.suspect, bits, modulation, &effort);
+            let found = synchronise(case.suspect, bits, modulation, &self.effort);
             lattices.insert((bits, modulation), found);
         }
         let read = |key: GroupKey| {

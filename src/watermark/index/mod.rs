@@ -7,7 +7,7 @@
 
 mod tables;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -111,17 +111,17 @@ impl CodewordIndex {
 
     /// Adds many records, in any order, none of which is there.
     pub fn extend(&mut self, records: impl IntoIterator<Item = (u128, Modulation, Codeword)>) {
-        let mut unsorted: BTreeMap<GroupKey, ()> = BTreeMap::new();
+        let mut unsorted = BTreeSet::new();
         for (id, modulation, codeword) in records {
             let key = GroupKey::of(&codeword, modulation);
             let group = Arc::make_mut(self.groups.entry(key).or_default());
             if group.ids.last().is_some_and(|&last| last > id) {
-                unsorted.insert(key, ());
+                unsorted.insert(key);
             }
             group.ids.push(id);
             group.rows.extend(row(&codeword));
         }
-        for key in unsorted.into_keys() {
+        for key in unsorted {
             if let Some(group) = self.groups.get_mut(&key) {
                 Arc::make_mut(group).sort(key.row_width());
             }

@@ -49,7 +49,7 @@ struct Sums {
     low: f64,
     per_cell: f64,
     /// Count, sum and sum of squares of `rho - low`, in units of a cell.
-    sums: Vec<[f64; 3]>,
+    below: Vec<[f64; 3]>,
 }
 
 impl Sums {
@@ -69,16 +69,16 @@ impl Sums {
             all = std::array::from_fn(|k| all[k] + sum[k]);
             *sum = all;
         }
-        Self { low, per_cell, sums }
+        Self { low, per_cell, below: sums }
     }
 
     /// The sums below a place, in cells.
     fn below(&self, x: f64) -> [f64; 3] {
-        let x = x.clamp(0.0, (self.sums.len() - 2) as f64);
+        let x = x.clamp(0.0, (self.below.len() - 2) as f64);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let cell = x as usize;
         let part = x - cell as f64;
-        let (a, b) = (&self.sums[cell], &self.sums[cell + 1]);
+        let (a, b) = (&self.below[cell], &self.below[cell + 1]);
         std::array::from_fn(|k| a[k] + part * (b[k] - a[k]))
     }
 
@@ -116,7 +116,7 @@ impl Sums {
 pub fn peaks(profile: &Profile, bits: BitCount, modulation: Modulation) -> Vec<Peak> {
     let (frame, bins) = (profile.frame(), bits.get());
     let extent = frame.radial_extent();
-    if !(extent > 0.0) {
+    if extent.is_nan() || extent <= 0.0 {
         return Vec::new();
     }
     let window = Window::of(bits);

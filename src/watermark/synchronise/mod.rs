@@ -13,6 +13,7 @@ mod centre;
 mod energy;
 mod outliers;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -96,7 +97,13 @@ pub fn synchronise(
     let per_centre = centres
         .into_iter()
         .map(|centre| {
-            let profile = Profile::about(&body.positions, centre);
+            // Sorting the norms is what costs most; those about its own centre are there.
+            let whole = body.positions.len() == suspect.vertices();
+            let profile = if whole && centre == suspect.frame().centre {
+                Cow::Borrowed(suspect.profile())
+            } else {
+                Cow::Owned(Profile::about(&body.positions, centre))
+            };
             let peaks = energy::peaks(&profile, bits, modulation);
             let read = |peak: Peak| {
                 let soft = profile.read_lattice(&peak.lattice(bits), modulation);
