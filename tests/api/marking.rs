@@ -117,7 +117,8 @@ async fn an_answer_explains_itself() {
         let how = &found["how"];
         let number = |name: &str| how[name].as_f64().unwrap();
         assert_eq!(how["stage"], stage);
-        assert_eq!(number("bits_read") + number("erasures"), 64.0);
+        let whole = |name: &str| how[name].as_u64().unwrap();
+        assert_eq!(whole("bits_read") + whole("erasures"), 64);
         assert_eq!(how["weights"].as_array().unwrap().len(), 64);
         let tried = verdict["tried"].as_array().unwrap();
         let own = tried.iter().find(|tried| tried["stage"] == stage).unwrap();
