@@ -29,8 +29,8 @@ use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 const THRESHOLD: f64 = -9.0;
-const BLIND_SHARE: f64 = 0.25;
-const NEAR_SHARE: f64 = 0.25;
+const BLIND_SHARE: f64 = 0.125;
+const NEAR_SHARE: f64 = 0.5;
 const FULL_SHARE: f64 = 0.125;
 const WIDE_SHARE: f64 = 0.03125;
 
@@ -124,9 +124,9 @@ fn main() {
     }
     let limits = Limits::default();
     let efforts = [
-        ("near", NEAR_SHARE, Effort { radius: 0.002, centres: 1, lattices: 4 }),
-        ("full", FULL_SHARE, Effort { radius: 0.018, centres: 2, lattices: 8 }),
-        ("wide", WIDE_SHARE, Effort { radius: 0.04, centres: 8, lattices: 24 }),
+        ("near", NEAR_SHARE, Effort { radius: 0.002, centres: 1, lattices: 3, own_lattices: 1 }),
+        ("full", FULL_SHARE, Effort { radius: 0.018, centres: 2, lattices: 4, own_lattices: 0 }),
+        ("wide", WIDE_SHARE, Effort { radius: 0.04, centres: 8, lattices: 8, own_lattices: 4 }),
     ];
     let efforts = &efforts[..if options.wide { 3 } else { 2 }];
     for (name, host) in hosts {

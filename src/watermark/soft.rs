@@ -27,6 +27,11 @@ pub struct Score {
 impl SoftBits {
     /// `z_i = sqrt(n_i) (statistic - neutral)`, `w_i = min(|z_i|, median |z|)`: the cap keeps a
     /// few crowded bins from outvoting all others.
+    ///
+    /// Eight other rules were measured on horse and nefertiti under smoothing, noise and
+    /// quantisation (caps of half and twice the median, none, `tanh`, roots, the deviation alone,
+    /// the deviation times `n / (n + 50)` or `n / (n + 200)`): none is better by more than 0.2
+    /// decades anywhere, and each is worse somewhere.
     #[must_use]
     pub fn new(statistics: &[BinStatistic], modulation: Modulation) -> Self {
         let z: Vec<f64> = statistics

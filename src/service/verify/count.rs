@@ -16,8 +16,9 @@ use super::super::verdict::StageName;
 /// left is for detectors to come.
 pub(super) fn share(stage: StageName) -> f64 {
     match stage {
-        StageName::Blind | StageName::NearLattices => 0.25,
-        StageName::Lattices => 0.125,
+        // Plain copies have decades to spare; smoothed ones need each.
+        StageName::NearLattices => 0.5,
+        StageName::Blind | StageName::Lattices => 0.125,
         StageName::InPlace => 0.0625,
         StageName::WideLattices => 0.03125,
     }

@@ -30,8 +30,10 @@ pub struct Effort {
     pub radius: f64,
     /// Centres that the search may add to the suspect's own.
     pub centres: usize,
-    /// Lattices scored per centre and class.
+    /// Lattices scored per class about each of these.
     pub lattices: usize,
+    /// Lattices scored per class about the suspect's own centre, without stray parts.
+    pub own_lattices: usize,
 }
 
 /// How far the extremes of the norms may be from those of the mark, as shares of the radial extent:
@@ -79,8 +81,8 @@ struct Found {
 #[derive(Debug, Clone)]
 pub struct Lattices {
     bits: BitCount,
-    per_centre: Vec<(Frame, Vec<Found>)>,
-    most: usize,
+    /// The range seen about a centre, how many lattices a class takes of it, and the lattices.
+    per_centre: Vec<(Frame, usize, Vec<Found>)>,
 }
 
 /// Searches a suspect for the lattices of marks of `bits` bits.
@@ -92,11 +94,19 @@ pub fn synchronise(
     effort: &Effort,
 ) -> Lattices {
     let body = outliers::body(suspect);
-    let mut centres = vec![body.centre];
-    centres.extend(centre::search(&body, bits, modulation, effort));
+    let searched = centre::search(&body, bits, modulation, effort);
+    let searched = searched.into_iter().map(|centre| (centre, effort.lattices));
+    let mut centres: Vec<(DVec3, usize)> = searched.collect();
+    if effort.own_lattices > 0 {
+        // Where the search ends at the suspect's own centre, that gets all of them.
+        let alone = centres.is_empty();
+        let most =
+            if alone { effort.lattices.max(effort.own_lattices) } else { effort.own_lattices };
+        centres.insert(0, (body.centre, most));
+    }
     let per_centre = centres
         .into_iter()
-        .map(|centre| {
+        .map(|(centre, most)| {
             // Sorting the norms is what costs most; those about its own centre are there.
             let whole = body.positions.len() == suspect.vertices();
             let profile = if whole && centre == suspect.frame().centre {
@@ -109,10 +119,10 @@ pub fn synchronise(
                 let soft = profile.read_lattice(&peak.lattice(bits), modulation);
                 Found { centre, peak, soft: Arc::new(soft) }
             };
-            (profile.frame(), peaks.into_par_iter().map(read).collect())
+            (profile.frame(), most, peaks.into_par_iter().map(read).collect())
         })
         .collect();
-    Lattices { bits, per_centre, most: effort.lattices }
+    Lattices { bits, per_centre }
 }
 
 impl Lattices {
@@ -121,12 +131,12 @@ impl Lattices {
     pub fn of_class(&self, class: u8) -> Vec<Hypothesis> {
         let window = Window::of(self.bits);
         let mut readings = Vec::new();
-        for (seen, found) in &self.per_centre {
+        for (seen, most, found) in &self.per_centre {
             let fitting = found.iter().filter_map(|found| {
                 let frame = implied(found.centre, &found.peak.lattice(self.bits), class);
                 window.admits(&frame, seen).then(|| Hypothesis { frame, soft: found.soft.clone() })
             });
-            readings.extend(fitting.take(self.most));
+            readings.extend(fitting.take(*most));
         }
         readings
     }
