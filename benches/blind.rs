@@ -124,7 +124,7 @@ fn main() {
     }
     let limits = Limits::default();
     let efforts = [
-        ("near", NEAR_SHARE, Effort { radius: 0.002, centres: 1, lattices: 3, own_lattices: 1 }),
+        ("near", NEAR_SHARE, Effort { radius: 0.002, centres: 2, lattices: 3, own_lattices: 2 }),
         ("full", FULL_SHARE, Effort { radius: 0.018, centres: 2, lattices: 4, own_lattices: 0 }),
         ("wide", WIDE_SHARE, Effort { radius: 0.04, centres: 8, lattices: 8, own_lattices: 4 }),
     ];

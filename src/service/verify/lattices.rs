@@ -24,7 +24,7 @@ impl LatticeSearch {
     /// For extremes that have moved and centres that hardly have: stray vertices, smoothing.
     pub(super) const NEAR: Self = Self {
         name: StageName::NearLattices,
-        effort: Effort { radius: 0.002, centres: 1, lattices: 3, own_lattices: 1 },
+        effort: Effort { radius: 0.002, centres: 2, lattices: 3, own_lattices: 2 },
     };
     /// For a cut of 2 %, which moves the centre by up to 1.7 % of the diagonal.
     pub(super) const FULL: Self = Self {
