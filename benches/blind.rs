@@ -124,9 +124,9 @@ fn main() {
     }
     let limits = Limits::default();
     let efforts = [
-        ("near", NEAR_SHARE, Effort { radius: 0.002, centres: 2, lattices: 3, own_lattices: 2 }),
-        ("full", FULL_SHARE, Effort { radius: 0.018, centres: 2, lattices: 4, own_lattices: 0 }),
-        ("wide", WIDE_SHARE, Effort { radius: 0.04, centres: 8, lattices: 8, own_lattices: 4 }),
+        ("near", NEAR_SHARE, Effort { radius: 0.002, candidates: 3, centres: 2, lattices: 3 }),
+        ("full", FULL_SHARE, Effort { radius: 0.018, candidates: 4, centres: 2, lattices: 4 }),
+        ("wide", WIDE_SHARE, Effort { radius: 0.04, candidates: 8, centres: 6, lattices: 8 }),
     ];
     let efforts = &efforts[..if options.wide { 3 } else { 2 }];
     for (name, host) in hosts {

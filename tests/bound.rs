@@ -78,7 +78,7 @@ fn suspects() -> Vec<(String, Mesh)> {
 #[test]
 fn no_more_codewords_reach_a_bound_than_it_says() {
     let bits = BitCount::default();
-    let effort = Effort { radius: 0.002, centres: 1, lattices: 6, own_lattices: 4 };
+    let effort = Effort { radius: 0.002, candidates: 1, centres: 2, lattices: 5 };
     for modulation in [Modulation::Mean, Modulation::Variance] {
         let index = index(modulation);
         for (name, mesh) in suspects() {

@@ -14,7 +14,7 @@ use crate::watermark::{BitCount, Effort, GroupKey, Lattices, Modulation, Worth, 
 const MOST_KINDS: usize = 4;
 
 /// A lattice search, near or far. Over the attacks of `benches/blind.rs` the true lattice was among
-/// the best three about its centre.
+/// the best three about its centre, and that centre among the best two by energy.
 pub(super) struct LatticeSearch {
     name: StageName,
     effort: Effort,
@@ -24,17 +24,17 @@ impl LatticeSearch {
     /// For extremes that have moved and centres that hardly have: stray vertices, smoothing.
     pub(super) const NEAR: Self = Self {
         name: StageName::NearLattices,
-        effort: Effort { radius: 0.002, centres: 2, lattices: 3, own_lattices: 2 },
+        effort: Effort { radius: 0.002, candidates: 3, centres: 2, lattices: 3 },
     };
     /// For a cut of 2 %, which moves the centre by up to 1.7 % of the diagonal.
     pub(super) const FULL: Self = Self {
         name: StageName::Lattices,
-        effort: Effort { radius: 0.018, centres: 2, lattices: 4, own_lattices: 0 },
+        effort: Effort { radius: 0.018, candidates: 4, centres: 2, lattices: 4 },
     };
     /// For a cut of 5 %.
     pub(super) const WIDE: Self = Self {
         name: StageName::WideLattices,
-        effort: Effort { radius: 0.04, centres: 8, lattices: 8, own_lattices: 4 },
+        effort: Effort { radius: 0.04, candidates: 8, centres: 6, lattices: 8 },
     };
 }
 

@@ -29,7 +29,7 @@ const POINTS_PER_BIN: (usize, usize) = (64, 256);
 const STEP: f64 = 0.313;
 
 /// Centres that are looked at closely, per centre wanted.
-const CLOSER_LOOKS: usize = 6;
+const CLOSER_LOOKS: usize = 4;
 
 /// Points whose distances are worked out together.
 const LOT: usize = 256;
@@ -57,7 +57,7 @@ pub fn search(body: &Body, bits: BitCount, modulation: Modulation, effort: &Effo
     let bin = MIDDLE_BIN * frame.radial_extent() / bits.get() as f64;
     // A round shape's bins are thin, and so are those of many bits: no more centres for them.
     let radius = (effort.radius * body.diagonal).min(BINS_PER_RADIUS * effort.radius * bin);
-    if !(bin > 0.0 && effort.centres > 0) {
+    if !(bin > 0.0 && effort.candidates > 0) {
         return Vec::new();
     }
     let view =
@@ -71,7 +71,7 @@ pub fn search(body: &Body, bits: BitCount, modulation: Modulation, effort: &Effo
     // Neighbours of a better one lead to the same place.
     let mut starts: Vec<Vec3> = vec![Vec3::ZERO];
     for (_, at) in seen {
-        if starts.len() > CLOSER_LOOKS * effort.centres {
+        if starts.len() > CLOSER_LOOKS * effort.candidates {
             break;
         }
         if starts.iter().skip(1).all(|other| other.distance(at) > 2.2 * single(STEP)) {
@@ -87,7 +87,7 @@ pub fn search(body: &Body, bits: BitCount, modulation: Modulation, effort: &Effo
     let mut centres: Vec<Vec3> = Vec::new();
     for (_, at) in best {
         let new = centres.iter().all(|other| other.distance(at) > 0.1);
-        if new && at.length() > 0.02 && centres.len() < effort.centres {
+        if new && at.length() > 0.02 && centres.len() < effort.candidates {
             centres.push(at);
         }
     }

@@ -33,7 +33,7 @@ const MOST_PEAKS: usize = 400;
 pub struct Peak {
     start: f64,
     end: f64,
-    energy: f64,
+    pub energy: f64,
 }
 
 impl Peak {

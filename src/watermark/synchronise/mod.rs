@@ -28,12 +28,12 @@ use energy::Peak;
 pub struct Effort {
     /// Centres are searched up to this far from the suspect's own, as a share of the diagonal.
     pub radius: f64,
-    /// Centres that the search may add to the suspect's own.
+    /// Centres that are found by their roughness, beside the suspect's own.
+    pub candidates: usize,
+    /// Centres kept of all these, by the energy of their best lattice.
     pub centres: usize,
     /// Lattices scored per class about each of these.
     pub lattices: usize,
-    /// Lattices scored per class about the suspect's own centre, without stray parts.
-    pub own_lattices: usize,
 }
 
 /// How far the extremes of the norms may be from those of the mark, as shares of the radial extent:
@@ -77,12 +77,22 @@ struct Found {
     soft: Arc<SoftBits>,
 }
 
+/// What is found about one centre.
+#[derive(Debug, Clone)]
+struct About {
+    /// The centre and the range that the norms span about it.
+    seen: Frame,
+    /// Its lattices, best first.
+    found: Vec<Found>,
+}
+
 /// The lattices found for one number of bits and one modulation, best first, per centre.
 #[derive(Debug, Clone)]
 pub struct Lattices {
     bits: BitCount,
-    /// The range seen about a centre, how many lattices a class takes of it, and the lattices.
-    per_centre: Vec<(Frame, usize, Vec<Found>)>,
+    per_centre: Vec<About>,
+    /// How many of each a class takes.
+    most: usize,
 }
 
 /// Searches a suspect for the lattices of marks of `bits` bits.
@@ -94,19 +104,11 @@ pub fn synchronise(
     effort: &Effort,
 ) -> Lattices {
     let body = outliers::body(suspect);
-    let searched = centre::search(&body, bits, modulation, effort);
-    let searched = searched.into_iter().map(|centre| (centre, effort.lattices));
-    let mut centres: Vec<(DVec3, usize)> = searched.collect();
-    if effort.own_lattices > 0 {
-        // Where the search ends at the suspect's own centre, that gets all of them.
-        let alone = centres.is_empty();
-        let most =
-            if alone { effort.lattices.max(effort.own_lattices) } else { effort.own_lattices };
-        centres.insert(0, (body.centre, most));
-    }
-    let per_centre = centres
+    let mut centres = vec![body.centre];
+    centres.extend(centre::search(&body, bits, modulation, effort));
+    let mut per_centre: Vec<(Cow<'_, Profile>, Vec<Peak>)> = centres
         .into_iter()
-        .map(|(centre, most)| {
+        .map(|centre| {
             // Sorting the norms is what costs most; those about its own centre are there.
             let whole = body.positions.len() == suspect.vertices();
             let profile = if whole && centre == suspect.frame().centre {
@@ -115,14 +117,21 @@ pub fn synchronise(
                 Cow::Owned(Profile::about(&body.positions, centre))
             };
             let peaks = energy::peaks(&profile, bits, modulation);
-            let read = |peak: Peak| {
-                let soft = profile.read_lattice(&peak.lattice(bits), modulation);
-                Found { centre, peak, soft: Arc::new(soft) }
-            };
-            (profile.frame(), most, peaks.into_par_iter().map(read).collect())
+            (profile, peaks)
         })
         .collect();
-    Lattices { bits, per_centre }
+    let best = |peaks: &[Peak]| peaks.first().map_or(0.0, |peak| peak.energy);
+    per_centre.sort_by(|(_, a), (_, b)| best(b).total_cmp(&best(a)));
+    per_centre.truncate(effort.centres);
+    let about = |(profile, peaks): (Cow<'_, Profile>, Vec<Peak>)| {
+        let read = |peak: Peak| {
+            let soft = profile.read_lattice(&peak.lattice(bits), modulation);
+            Found { centre: profile.frame().centre, peak, soft: Arc::new(soft) }
+        };
+        About { seen: profile.frame(), found: peaks.into_par_iter().map(read).collect() }
+    };
+    let per_centre = per_centre.into_iter().map(about).collect();
+    Lattices { bits, per_centre, most: effort.lattices }
 }
 
 impl Lattices {
@@ -131,12 +140,12 @@ impl Lattices {
     pub fn of_class(&self, class: u8) -> Vec<Hypothesis> {
         let window = Window::of(self.bits);
         let mut readings = Vec::new();
-        for (seen, most, found) in &self.per_centre {
+        for About { seen, found } in &self.per_centre {
             let fitting = found.iter().filter_map(|found| {
                 let frame = implied(found.centre, &found.peak.lattice(self.bits), class);
                 window.admits(&frame, seen).then(|| Hypothesis { frame, soft: found.soft.clone() })
             });
-            readings.extend(fitting.take(*most));
+            readings.extend(fitting.take(self.most));
         }
         readings
     }
