@@ -25,7 +25,7 @@ pub(super) struct Arguments {
     /// cho-mean, cho-var, qsp-mean, qsp-var, exact-mean or exact-var.
     #[arg(long, default_value_t, value_parser = super::parse_method)]
     method: Method,
-    /// How far each bin's statistic is moved: 0.01 to 0.25; 0.1 when not given.
+    /// How far each bin's statistic is moved: 0.01 to 0.25; 0.15 when not given.
     #[arg(long, value_parser = super::parse_strength)]
     strength: Option<Strength>,
     /// Mark as strongly as this distortion allows (MRMS as a share of the diagonal, 0.000001 to

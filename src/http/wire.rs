@@ -185,7 +185,7 @@ pub(super) struct EmbedForm {
     /// `cho-mean`, `cho-var`, `qsp-mean`, `qsp-var`, `exact-mean` or `exact-var`; see the service's
     /// documentation for what each is good at.
     method: Option<String>,
-    /// 0.01 to 0.25; 0.1 by default.
+    /// 0.01 to 0.25; 0.15 by default.
     strength: Option<f64>,
     /// The most that the mark may distort the mesh: its `mrms`, a share of the diagonal, 0.000001
     /// to 0.1. The strongest mark within it is made, up to `strength` where that is given.
