@@ -64,6 +64,7 @@ pub mod jobs;
 pub mod keys;
 pub mod marking;
 pub mod mesh;
+pub mod recognition;
 pub mod registration;
 pub mod registry;
 pub mod sample;

@@ -15,6 +15,7 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("formats", &["mesh"]),
     ("sample", &["mesh"]),
     ("registration", &["mesh"]),
+    ("recognition", &["registration", "watermark", "mesh"]),
     ("marking", &["formats", "watermark", "mesh"]),
     ("config", &["formats"]),
     ("keys", &["config", "watermark"]),
@@ -24,7 +25,19 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("jobs", &[]),
     (
         "service",
-        &["blobs", "config", "formats", "jobs", "keys", "marking", "mesh", "registry", "watermark"],
+        &[
+            "blobs",
+            "config",
+            "formats",
+            "jobs",
+            "keys",
+            "marking",
+            "mesh",
+            "recognition",
+            "registration",
+            "registry",
+            "watermark",
+        ],
     ),
     ("lab", &["formats", "watermark", "mesh", "marking"]),
 ];
@@ -47,7 +60,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
 /// Words that have no place in a pure module.
 const IMPURE: &[&str] =
     &["std::fs", "std::net", "std::time", "std::env", "tokio", "async fn", "getrandom", "tracing"];
-const PURE: &[&str] = &["mesh", "watermark", "registration", "marking", "sample", "formats"];
+const PURE: &[&str] =
+    &["mesh", "watermark", "registration", "recognition", "marking", "sample", "formats"];
 
 /// Code alone: without comments, texts and tests (which may use samples and libraries freely).
 fn code_of(source: &str) -> String {

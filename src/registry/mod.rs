@@ -14,7 +14,8 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 pub use record::{
-    Cursor, Filter, IdempotencyEntry, MarkSource, Page, Quality, Record, StoredVerification,
+    Cursor, Filter, HostSketch, IdempotencyEntry, MarkSource, Page, Quality, Record,
+    StoredVerification,
 };
 pub use sqlite::Sqlite;
 #[cfg(test)]
@@ -94,6 +95,17 @@ pub trait Registry: Send + Sync {
     /// What the codewords of the records that are not revoked are derived from, of the rows after
     /// `after` up to and with `last`, in order.
     async fn mark_sources(&self, after: i64, last: i64) -> Result<Vec<MarkSource>, RegistryError>;
+
+    /// Keeps the sketch of a host's geometry, once per host.
+    async fn keep_sketch(&self, host_sha256: &[u8; 32], sketch: &[u8])
+    -> Result<(), RegistryError>;
+
+    /// At most `limit` sketches that were kept after row `after`, in order.
+    async fn sketches(&self, after: i64, limit: u32) -> Result<Vec<HostSketch>, RegistryError>;
+
+    /// The hosts, by their hash, of the records that are not revoked and whose host is kept, of the
+    /// rows after `after` up to and with `last`.
+    async fn hosts(&self, after: i64, last: i64) -> Result<Vec<(Uuid, [u8; 32])>, RegistryError>;
 
     /// Marks a record as revoked, if it is not already; the record as it then is.
     async fn revoke(&self, id: Uuid, at: jiff::Timestamp) -> Result<Option<Record>, RegistryError>;

@@ -103,6 +103,17 @@ impl Record {
     }
 }
 
+/// The sketch of a host's geometry, as it was kept.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct HostSketch {
+    /// Number of its row.
+    pub row: i64,
+    /// SHA-256 of the host file.
+    pub host_sha256: [u8; 32],
+    /// The sketch.
+    pub sketch: Vec<u8>,
+}
+
 /// What a mark did to its mesh. Lengths are shares of the bounding box's diagonal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Quality {

@@ -16,7 +16,7 @@ use sqlx::sqlite::{
 use uuid::Uuid;
 
 use super::record::{
-    Cursor, Filter, IdempotencyEntry, MarkSource, Page, Record, StoredVerification,
+    Cursor, Filter, HostSketch, IdempotencyEntry, MarkSource, Page, Record, StoredVerification,
 };
 use super::sqlite_rows::{bad_row, bytes32, insert_record, record_from_row, source_from_row};
 use super::{Registry, RegistryError};
@@ -203,6 +203,58 @@ impl Registry for Sqlite {
         rows.into_iter().map(source_from_row).collect()
     }
 
+    async fn keep_sketch(
+        &self,
+        host_sha256: &[u8; 32],
+        sketch: &[u8],
+    ) -> Result<(), RegistryError> {
+        sqlx::query("INSERT INTO hosts (host_sha256, sketch) VALUES (?, ?) ON CONFLICT DO NOTHING")
+            .bind(host_sha256.as_slice())
+            .bind(sketch)
+            .execute(&self.writer)
+            .await?;
+        Ok(())
+    }
+
+    async fn sketches(&self, after: i64, limit: u32) -> Result<Vec<HostSketch>, RegistryError> {
+        let rows = sqlx::query_as(
+            "SELECT rowid, host_sha256, sketch FROM hosts WHERE rowid > ? ORDER BY rowid LIMIT ?",
+        )
+        .bind(after)
+        .bind(limit)
+        .fetch_all(&self.readers)
+        .await;
+        let rows: Vec<(i64, Vec<u8>, Vec<u8>)> = match rows {
+            // Read beside the service of an earlier release, which has not made the table.
+            Err(error) if is_missing_table(&error) => Vec::new(),
+            rows => rows?,
+        };
+        let sketch = |(row, hash, sketch): (i64, Vec<u8>, Vec<u8>)| {
+            let host_sha256 = bytes32(&hash)?;
+            Some(HostSketch { row, host_sha256, sketch })
+        };
+        Ok(rows.into_iter().filter_map(sketch).collect())
+    }
+
+    async fn hosts(&self, after: i64, last: i64) -> Result<Vec<(Uuid, [u8; 32])>, RegistryError> {
+        let rows: Vec<(String, Vec<u8>)> = sqlx::query_as(
+            "SELECT id, host_sha256 FROM watermarks
+             WHERE rowid > ? AND rowid <= ? AND revoked_at IS NULL AND host_kept ORDER BY rowid",
+        )
+        .bind(after)
+        .bind(last)
+        .fetch_all(&self.readers)
+        .await?;
+        let host = |(id, hash): (String, Vec<u8>)| {
+            let bad = |column| bad_row(&id, column);
+            Ok((
+                id.parse().map_err(|_| bad("id"))?,
+                bytes32(&hash).ok_or_else(|| bad("host_sha256"))?,
+            ))
+        };
+        rows.into_iter().map(host).collect()
+    }
+
     async fn revoke(&self, id: Uuid, at: Timestamp) -> Result<Option<Record>, RegistryError> {
         let row = sqlx::query(
             "UPDATE watermarks SET revoked_at = coalesce(revoked_at, ?) WHERE id = ? RETURNING *",
@@ -286,6 +338,10 @@ impl Registry for Sqlite {
     }
 }
 
+fn is_missing_table(error: &sqlx::Error) -> bool {
+    error.as_database_error().is_some_and(|error| error.message().starts_with("no such table"))
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -321,6 +377,7 @@ mod tests {
         contract::a_taken_idempotency_key_registers_nothing(&registry).await;
         let registry = Sqlite::open(&fresh()).await.unwrap();
         contract::verdicts_are_kept(&registry).await;
+        contract::sketches_are_kept_once_per_host(&registry).await;
         let registry = Sqlite::open(&fresh()).await.unwrap();
         contract::many_writers_at_once(Arc::new(registry)).await;
     }

@@ -12,11 +12,15 @@ use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
 use super::known::mark_key;
+use super::register::KeptHost;
 use super::{Service, ServiceError, Spooled, Text, idempotency};
 use crate::blobs::{Kind, geometry};
 use crate::formats::Format;
 use crate::keys::random_bytes;
 use crate::marking::{MarkReport, MarkRequest, Marked, MaxDistortion, mark, mark_within};
+use crate::mesh::Mesh;
+use crate::mesh::surface::Surface;
+use crate::registration::{Shape, Sketch};
 use crate::registry::{Quality, Record};
 use crate::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength};
 
@@ -67,7 +71,7 @@ pub struct Embedded {
 struct Done {
     marked: Bytes,
     marked_sha256: [u8; 32],
-    host: Option<Bytes>,
+    host: Option<KeptHost>,
     format: Format,
     frame: crate::watermark::Frame,
     vertices: u64,
@@ -214,13 +218,13 @@ impl Service {
             };
             let Marked { bytes, format, host, host_frame, report } = marked;
             drop(host_bytes);
-            let packed = keep_host.then(|| geometry::pack(&host)).transpose()?;
+            let kept = keep_host.then(|| kept(&host)).transpose()?;
             let usable_bins = u32::try_from(report.usable_bins)
                 .map_err(|_| ServiceError::Internal("too many bins".to_owned()))?;
             Ok(Done {
                 marked_sha256: Sha256::digest(&bytes).into(),
                 marked: bytes.into(),
-                host: packed.map(Bytes::from),
+                host: kept,
                 format,
                 frame: host_frame,
                 vertices: host.positions().len() as u64,
@@ -254,6 +258,13 @@ impl Service {
         }
         Ok(Embedded { record, bytes: done.marked, replayed: true })
     }
+}
+
+/// Geometry and sketch of a host.
+fn kept(host: &Mesh) -> Result<KeptHost, ServiceError> {
+    let shape = Shape::new(Surface::new(host));
+    let sketch = shape.map(|shape| Sketch::new(&shape));
+    Ok(KeptHost { geometry: geometry::pack(host)?.into(), sketch })
 }
 
 fn quality_of(report: &MarkReport) -> Quality {

@@ -5,6 +5,7 @@
 
 mod embed;
 mod error;
+mod hosts;
 mod idempotency;
 mod inspect;
 mod known;
@@ -80,6 +81,8 @@ pub struct Service {
     blobs: Blobs,
     pool: Pool,
     known: known::Known,
+    hosts: hosts::Hosts,
+    homes: verify::Homes,
     in_progress: idempotency::InProgress,
     /// Work that outlives the connection it began on.
     tasks: TaskTracker,
@@ -106,6 +109,7 @@ impl Service {
             .map_err(|source| StartError::Directory { path: spool_directory.clone(), source })?;
         let service = Self::over(config, keys, registry, blobs, spool_directory, false);
         service.load().await?;
+        service.load_hosts().await?;
         service.announce();
         Ok(service)
     }
@@ -124,6 +128,7 @@ impl Service {
         let blobs = Blobs::local(&config.data.join("blobs"))?;
         let service = Self::over(config, keys, registry, blobs, std::env::temp_dir(), true);
         service.load().await?;
+        service.load_hosts().await?;
         Ok(service)
     }
 
@@ -138,6 +143,8 @@ impl Service {
         Arc::new(Self {
             pool: Pool::new(config.workers, config.queue, config.memory_budget_bytes),
             known: known::Known::default(),
+            hosts: hosts::Hosts::default(),
+            homes: verify::Homes::new(),
             in_progress: idempotency::InProgress::default(),
             tasks: TaskTracker::new(),
             registry: Arc::new(registry),

@@ -80,6 +80,7 @@ impl Service {
         let revoked = async move {
             let revoked = service.registry.revoke(id, now()?).await?;
             let record = revoked.ok_or(ServiceError::UnknownWatermark(id))?;
+            service.hosts.remove(&record);
             // Without its master key a mark is not searched for in the first place.
             if let Ok(codeword) = codeword(&service.keys, &record.source()) {
                 let revoked = record.clone();

@@ -12,7 +12,16 @@ use uuid::Uuid;
 use super::known::codeword;
 use super::{Service, ServiceError};
 use crate::blobs::Kind;
+use crate::registration::Sketch;
 use crate::registry::{IdempotencyEntry, Record, RegistryError};
+
+/// What is kept of a host for detectors that compare suspects with it.
+pub(super) struct KeptHost {
+    /// Its geometry, packed.
+    pub(super) geometry: Bytes,
+    /// What it is found by; none where its shape is too strange for a sketch.
+    pub(super) sketch: Option<Sketch>,
+}
 
 impl Service {
     /// Blobs, then the registry, then the index: a record exists if and only if its file could be
@@ -21,11 +30,16 @@ impl Service {
         self: &Arc<Self>,
         record: &Record,
         file: Option<Bytes>,
-        host: Option<Bytes>,
+        host: Option<KeptHost>,
         idempotency: Option<(String, [u8; 32])>,
     ) -> Result<(), ServiceError> {
         let codeword = codeword(&self.keys, &record.source())?;
         let mut undo = RemoveBlobs { service: self.clone(), id: Some(record.id) };
+        let (host, sketch) = host.map(|host| (host.geometry, host.sketch)).unzip();
+        let sketch = sketch.flatten();
+        if let Some(sketch) = &sketch {
+            self.registry.keep_sketch(&record.host_sha256, &sketch.to_bytes()).await?;
+        }
         if let Err(error) = self.store(record, file, host, idempotency).await {
             // Before the answer: who is told of a failure finds nothing left.
             if let Some(id) = undo.id.take() {
@@ -38,6 +52,9 @@ impl Service {
         // The lock may be held by a search: wait for it on a blocking thread.
         let inserted = tokio::task::spawn_blocking(move || {
             service.known.insert(&record, &codeword);
+            if record.host_kept {
+                service.hosts.insert(&record, sketch.as_ref());
+            }
         });
         inserted.await.map_err(|error| ServiceError::Internal(error.to_string()))
     }

@@ -29,6 +29,8 @@ pub enum FrameName {
     Searched,
     /// The host's own: the suspect was neither moved nor scaled.
     InPlace,
+    /// The host's own, into which the suspect was brought back.
+    Registered,
 }
 
 /// A detector of the ladder.
@@ -45,12 +47,23 @@ pub enum StageName {
     Lattices,
     /// The same, farther, and with more lattices.
     WideLattices,
+    /// The frame of a host on the short list, in place or after registration.
+    HostFrames,
+    /// Vertex by vertex against a host on the short list.
+    MatchedFilter,
 }
 
 impl StageName {
     /// All of them.
-    pub const ALL: [Self; 5] =
-        [Self::Blind, Self::InPlace, Self::NearLattices, Self::Lattices, Self::WideLattices];
+    pub const ALL: [Self; 7] = [
+        Self::Blind,
+        Self::InPlace,
+        Self::NearLattices,
+        Self::Lattices,
+        Self::WideLattices,
+        Self::HostFrames,
+        Self::MatchedFilter,
+    ];
 
     /// Its name in answers.
     #[must_use]
@@ -61,6 +74,8 @@ impl StageName {
             Self::NearLattices => "near_lattices",
             Self::Lattices => "lattices",
             Self::WideLattices => "wide_lattices",
+            Self::HostFrames => "host_frames",
+            Self::MatchedFilter => "matched_filter",
         }
     }
 }

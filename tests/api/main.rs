@@ -11,6 +11,7 @@ mod idempotency;
 mod marking;
 mod protocol;
 mod quality;
+mod recognition;
 mod records;
 mod refusals;
 mod server;

@@ -2,7 +2,8 @@
 //!
 //! The probability that any of many wrong hypotheses scores so high is at most the sum of theirs
 //! (union bound). The sum is split beforehand: each stage has a fixed share of it, the shares add
-//! up to at most 1, and within its share a stage counts all that it scored. So
+//! up to at most 1, and within its share a stage counts all that it scored (`at_home` splits its share
+//! further). So
 //! `log10_fp = log10_bound + log10(hypotheses of the stage / share of the stage)` holds whichever
 //! stages ran and whenever the ladder was left: a stage that looks at few records is not drowned by
 //! one that looked at a million, and looking at the verdict between stages needs no further
@@ -12,14 +13,15 @@
 
 use super::super::verdict::StageName;
 
-/// The part of the error probability that a stage may spend. They add up to at most 1; what is
-/// left is for detectors to come.
+/// The part of the error probability that a stage may spend. They add up to at most 1.
 pub(super) fn share(stage: StageName) -> f64 {
     match stage {
         // Plain copies have decades to spare; smoothed ones need each.
         StageName::NearLattices => 0.5,
         StageName::Blind | StageName::Lattices => 0.125,
-        StageName::InPlace => 0.0625,
+        StageName::InPlace | StageName::HostFrames => 0.0625,
+        // The marks that are hardest to read end here.
+        StageName::MatchedFilter => 0.09375,
         StageName::WideLattices => 0.03125,
     }
 }

@@ -11,7 +11,7 @@ use uuid::Uuid;
 use super::super::ServiceError;
 use super::super::verdict::{FrameName, StageName, Thresholds};
 use super::blind::Blind;
-use super::count::{counted, share};
+use super::count::counted;
 use super::in_place::InPlace;
 use super::lattices::LatticeSearch;
 use super::{Depth, go_on};
@@ -74,54 +74,109 @@ pub(super) struct Climbed {
     pub(super) found: Vec<Found>,
 }
 
-/// The stages of a depth, in order.
-fn stages(depth: Depth) -> &'static [&'static dyn Stage] {
+/// The stages of a depth that need nothing but the suspect and the marks, in order.
+pub(super) fn stages(depth: Depth) -> &'static [&'static dyn Stage] {
     match depth {
         Depth::Fast => &[&Blind, &LatticeSearch::NEAR],
-        Depth::Standard => &[&Blind, &InPlace, &LatticeSearch::NEAR, &LatticeSearch::FULL],
-        Depth::Exhaustive => {
-            &[&Blind, &InPlace, &LatticeSearch::NEAR, &LatticeSearch::FULL, &LatticeSearch::WIDE]
+        Depth::Standard | Depth::Exhaustive => {
+            &[&Blind, &InPlace, &LatticeSearch::NEAR, &LatticeSearch::FULL]
         }
     }
 }
 
-/// Runs stage after stage until some record matches.
+/// Those that come after the short list.
+pub(super) fn late_stages(depth: Depth) -> &'static [&'static dyn Stage] {
+    match depth {
+        Depth::Fast | Depth::Standard => &[],
+        Depth::Exhaustive => &[&LatticeSearch::WIDE],
+    }
+}
+
+/// Runs the stages of a depth one after the other until some record matches.
 pub(super) fn climb(case: &Case<'_>, thresholds: Thresholds) -> Result<Climbed, ServiceError> {
-    let mut tried = Vec::new();
-    let mut best: BTreeMap<Uuid, Found> = BTreeMap::new();
-    for stage in stages(case.depth) {
-        go_on(case.stop)?;
-        let name = stage.name();
-        // One hypothesis at least is counted: what is not worth a report then is not with more.
-        let worth = Worth {
-            log10_bound: thresholds.inconclusive + share(name).log10(),
-            most: MOST_MATCHES,
-        };
-        let Tried { hypotheses, candidates } = stage.run(case, worth)?;
-        if hypotheses == 0 {
-            continue;
-        }
-        tried.push((name, hypotheses));
-        let counted = counted(name, hypotheses);
-        for candidate in candidates {
-            // (A bound that is no number becomes 0 here: it matches nothing.)
-            let log10_fp = (candidate.log10_bound + counted.log10()).min(0.0);
-            if log10_fp >= thresholds.inconclusive {
-                continue;
-            }
-            let id = Uuid::from_u128(candidate.id);
-            let found =
-                Found { id, stage: name, frame: stage.frame(), candidate, counted, log10_fp };
-            let known = best.get(&id).map_or(f64::INFINITY, |known| known.log10_fp);
-            if log10_fp < known {
-                best.insert(id, found);
-            }
-        }
-        if best.values().any(|found| found.log10_fp < thresholds.certain) {
-            break;
+    let mut climb = Climb::new(thresholds);
+    climb.run(case, stages(case.depth))?;
+    Ok(climb.finish())
+}
+
+/// A ladder on which somebody stands.
+pub(super) struct Climb {
+    thresholds: Thresholds,
+    tried: Vec<(StageName, u64)>,
+    best: BTreeMap<Uuid, Found>,
+}
+
+impl Climb {
+    /// At the foot.
+    pub(super) fn new(thresholds: Thresholds) -> Self {
+        Self { thresholds, tried: Vec::new(), best: BTreeMap::new() }
+    }
+
+    /// Whether no record matches yet.
+    pub(super) fn is_open(&self) -> bool {
+        self.best.values().all(|found| found.log10_fp >= self.thresholds.certain)
+    }
+
+    /// What is worth a report when the bound is multiplied by `counted`.
+    pub(super) fn worth(&self, counted: f64) -> Worth {
+        Worth { log10_bound: self.thresholds.inconclusive - counted.log10(), most: MOST_MATCHES }
+    }
+
+    /// Notes that a stage scored so many hypotheses.
+    pub(super) fn tried(&mut self, stage: StageName, hypotheses: u64) {
+        match self.tried.iter_mut().find(|(name, _)| *name == stage) {
+            Some((_, sum)) => *sum += hypotheses,
+            None if hypotheses > 0 => self.tried.push((stage, hypotheses)),
+            None => {}
         }
     }
-    let mut found: Vec<Found> = best.into_values().collect();
-    found.sort_by(|a, b| a.log10_fp.total_cmp(&b.log10_fp).then(a.id.cmp(&b.id)));
-    Ok(Climbed { tried, found })
+
+    /// Keeps a candidate if it is the best of its record and worth a report.
+    pub(super) fn add(
+        &mut self,
+        stage: StageName,
+        frame: FrameName,
+        candidate: Candidate,
+        counted: f64,
+    ) {
+        // (A bound that is no number becomes 0 here: it matches nothing.)
+        let log10_fp = (candidate.log10_bound + counted.log10()).min(0.0);
+        if log10_fp >= self.thresholds.inconclusive {
+            return;
+        }
+        let id = Uuid::from_u128(candidate.id);
+        let known = self.best.get(&id).map_or(f64::INFINITY, |known| known.log10_fp);
+        if log10_fp < known {
+            self.best.insert(id, Found { id, stage, frame, candidate, counted, log10_fp });
+        }
+    }
+
+    /// Runs stage after stage until some record matches.
+    pub(super) fn run(
+        &mut self,
+        case: &Case<'_>,
+        stages: &[&dyn Stage],
+    ) -> Result<(), ServiceError> {
+        for stage in stages {
+            if !self.is_open() {
+                return Ok(());
+            }
+            go_on(case.stop)?;
+            let name = stage.name();
+            // One hypothesis at least is counted: what is not worth a report then is not with more.
+            let Tried { hypotheses, candidates } = stage.run(case, self.worth(counted(name, 1)))?;
+            self.tried(name, hypotheses);
+            for candidate in candidates {
+                self.add(name, stage.frame(), candidate, counted(name, hypotheses));
+            }
+        }
+        Ok(())
+    }
+
+    /// What was found, best first.
+    pub(super) fn finish(self) -> Climbed {
+        let mut found: Vec<Found> = self.best.into_values().collect();
+        found.sort_by(|a, b| a.log10_fp.total_cmp(&b.log10_fp).then(a.id.cmp(&b.id)));
+        Climbed { tried: self.tried, found }
+    }
 }

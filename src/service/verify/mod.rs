@@ -6,12 +6,15 @@
 //! first; the dear ones run while the verdict is open. What a request names restricts what is
 //! scored, and so what is counted.
 
+mod at_home;
 mod blind;
 mod count;
+mod homes;
 mod in_place;
 mod judge;
 mod ladder;
 mod lattices;
+mod shortlist;
 
 use std::fmt;
 use std::str::FromStr;
@@ -21,13 +24,18 @@ use serde::Serialize;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::hosts::HostKey;
 use super::verdict::Verification;
 use super::{BATCH, Service, ServiceError, Spooled, Text};
 use crate::formats::{Asset, Format};
 use crate::jobs::{JobError, Stop};
+use crate::mesh::Mesh;
 use crate::registry::{Record, StoredVerification};
-use crate::watermark::Suspect;
-use ladder::{Case, Climbed};
+use crate::watermark::{CodewordIndex, Suspect};
+use at_home::{Housed, Visit};
+pub(super) use homes::Homes;
+use ladder::{Case, Climb, Climbed};
+use shortlist::Listed;
 
 /// A suspect, and what it is compared with.
 #[derive(Debug)]
@@ -84,12 +92,23 @@ impl FromStr for Depth {
     }
 }
 
-/// What the pool hands back.
+/// What the verdict is made of.
 struct Searched {
     format: Format,
     vertices: usize,
     triangles: usize,
     climbed: Climbed,
+}
+
+/// What the first job hands to the second.
+struct Begun {
+    format: Format,
+    mesh: Mesh,
+    suspect: Suspect,
+    marks: CodewordIndex,
+    climb: Climb,
+    /// Hosts to look at; none when the verdict is clear or the depth does not ask for more.
+    listed: Vec<HostKey>,
 }
 
 impl Service {
@@ -102,14 +121,18 @@ impl Service {
         request: VerifyRequest,
     ) -> Result<Verification, ServiceError> {
         let named = self.named(&request).await?;
-        let (service, mut file, depth) = (self.clone(), request.file, request.depth);
+        let (depth, bytes) = (request.depth, request.file.bytes);
+        let (service, mut file, named) = (self.clone(), request.file, named.map(Arc::new));
         let sha256 = hex::encode(file.sha256);
-        let searched = self
-            .run(file.bytes, move |stop| {
+        let known = named.clone();
+        let begun = self
+            .run(bytes, move |stop| {
                 let bytes = file.read()?;
-                service.search(&bytes, named.as_deref(), depth, stop)
+                let named = known.as_ref().map(|records| records.as_slice());
+                service.begin(&bytes, named, depth, stop)
             })
             .await?;
+        let searched = self.end(begun, named, depth, bytes).await?;
         let verification = self.judge(searched, depth, sha256).await?;
         if self.only_reads {
             return Ok(verification);
@@ -153,14 +176,14 @@ impl Service {
         }
     }
 
-    /// On the pool: reads the suspect and climbs the ladder.
-    fn search(
+    /// On the pool: reads the suspect and climbs as far as suspect and marks alone lead.
+    fn begin(
         &self,
         bytes: &[u8],
         named: Option<&[Record]>,
         depth: Depth,
         stop: &Stop,
-    ) -> Result<Searched, ServiceError> {
+    ) -> Result<Begun, ServiceError> {
         let asset = Asset::read(bytes, &self.config.limits)?;
         let format = asset.format();
         let mesh = asset.into_mesh();
@@ -176,10 +199,50 @@ impl Service {
                 marks.only(&ids)
             }
         };
+        let mut climb = Climb::new(self.thresholds());
         let case = Case { suspect: &suspect, marks: &marks, named, keys: &self.keys, depth, stop };
-        let climbed = ladder::climb(&case, self.thresholds())?;
+        climb.run(&case, ladder::stages(depth))?;
+        let listed = if climb.is_open() && depth != Depth::Fast && !marks.is_empty() {
+            self.shortlist(&suspect, named, depth)
+        } else {
+            Vec::new()
+        };
+        Ok(Begun { format, mesh, suspect, marks, climb, listed })
+    }
+
+    /// Looks at the hosts of the short list, if there is one, and climbs on.
+    async fn end(
+        self: &Arc<Self>,
+        begun: Begun,
+        named: Option<Arc<Vec<Record>>>,
+        depth: Depth,
+        bytes: u64,
+    ) -> Result<Searched, ServiceError> {
+        let Begun { format, mesh, suspect, marks, mut climb, listed } = begun;
         let (vertices, triangles) = (mesh.positions().len(), mesh.triangles().len());
-        Ok(Searched { format, vertices, triangles, climbed })
+        let of = |climb: Climb| Searched { format, vertices, triangles, climbed: climb.finish() };
+        if !climb.is_open() || depth == Depth::Fast {
+            return Ok(of(climb));
+        }
+        let records = named.as_ref().map(|records| records.as_slice());
+        let hosts = self.fetch(listed, records).await?;
+        let bytes = hosts.iter().map(Listed::upload_bytes).sum::<u64>().saturating_add(bytes);
+        let service = self.clone();
+        let climb = self
+            .run(bytes, move |stop| {
+                let housed: Result<Vec<Option<Housed>>, ServiceError> =
+                    hosts.into_iter().map(|listed| service.housed(listed)).collect();
+                let hosts: Vec<Housed> = housed?.into_iter().flatten().collect();
+                let (mesh, suspect, marks) = (&mesh, &suspect, &marks);
+                let (keys, homes, hosts) = (&service.keys, &service.homes, hosts.as_slice());
+                Visit { mesh, suspect, marks, hosts, keys, homes, depth, stop }.run(&mut climb)?;
+                let named = named.as_ref().map(|records| records.as_slice());
+                let case = Case { suspect, marks, named, keys, depth, stop };
+                climb.run(&case, ladder::late_stages(depth))?;
+                Ok(climb)
+            })
+            .await?;
+        Ok(of(climb))
     }
 }
 

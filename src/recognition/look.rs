@@ -1,0 +1,209 @@
+//! The looks of a suspect at a host, one after the other.
+
+use std::ops::ControlFlow;
+
+use super::home::{Home, Visitor};
+use crate::registration::similarity::{Pair, fit};
+use crate::registration::{Alignment, Basis, Effort, Similarity, in_place, register};
+use crate::watermark::{Frame, Sighting};
+
+/// What a look assumes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LookKind {
+    /// The suspect kept the host's coordinates; no vertex is taken for another.
+    InPlace,
+    /// The file kept the host's number of vertices and their order.
+    SameOrder,
+    /// The suspect was registered, by shared vertices or by the surface; the number is the rank of
+    /// the alignment.
+    Registered(usize),
+    /// In place, and vertices that lie on vertices are the same.
+    Near,
+}
+
+/// The part of a host's error probability that a look may spend, by kind; they add up to 1.
+impl LookKind {
+    /// Its share.
+    #[must_use]
+    pub fn share(self) -> f64 {
+        match self {
+            Self::InPlace | Self::Registered(0) => 0.25,
+            Self::SameOrder => 0.2,
+            Self::Registered(1) => 0.08,
+            Self::Registered(2) => 0.05,
+            Self::Registered(_) => 0.02,
+            Self::Near => 0.15,
+        }
+    }
+}
+
+/// Alignments that are looked from, at the most.
+const ALIGNMENTS: usize = 4;
+
+/// Rounds of reweighting when vertices are paired by their order.
+const ROUNDS: usize = 4;
+
+/// Vertices in the same order that are, in the median, farther from the host's than this share of
+/// its diagonal are not in the same order.
+const SAME: f64 = 0.05;
+
+/// An assumption about where a suspect lies.
+#[derive(Debug, Clone)]
+pub struct Look {
+    /// What it rests on.
+    pub kind: LookKind,
+    /// From the suspect's coordinates to the host's.
+    pub similarity: Similarity,
+    /// Carriers of the host where the suspect has them, in the host's coordinates; none when only
+    /// the frame is assumed.
+    pub sightings: Vec<Sighting>,
+}
+
+impl Look {
+    /// The host's frame in the suspect's coordinates.
+    #[must_use]
+    pub fn frame_of(&self, host: &Frame) -> Frame {
+        let size = self.similarity.scale.abs();
+        Frame {
+            centre: self.similarity.inverse().apply(host.centre),
+            rho_min: host.rho_min / size,
+            rho_max: host.rho_max / size,
+        }
+    }
+}
+
+/// Hands one look after the other to `see`, the cheap ones first, until it breaks, there are no more
+/// or `stop` says so.
+pub fn looks(
+    home: &Home,
+    visitor: &Visitor<'_>,
+    effort: Effort,
+    stop: &(dyn Fn() -> bool + Sync),
+    see: &mut dyn FnMut(Look) -> ControlFlow<()>,
+) -> ControlFlow<()> {
+    let still = Similarity::IDENTITY;
+    see(Look { kind: LookKind::InPlace, similarity: still, sightings: Vec::new() })?;
+    if let Some(look) = same_order(home, visitor) {
+        see(look)?;
+    }
+    let (Some(host), Some(suspect)) = (home.prepared(), visitor.prepared()) else {
+        return ControlFlow::Continue(());
+    };
+    let found = register(host, suspect, effort, stop);
+    let shared = found.iter().any(|alignment| alignment.basis == Basis::Twins);
+    for (rank, alignment) in found.into_iter().take(ALIGNMENTS).enumerate() {
+        if stop() {
+            return ControlFlow::Break(());
+        }
+        see(from_alignment(visitor, alignment, LookKind::Registered(rank)))?;
+    }
+    if !shared && let Some(alignment) = in_place(host, suspect, true, stop) {
+        see(from_alignment(visitor, alignment, LookKind::Near))?;
+    }
+    ControlFlow::Continue(())
+}
+
+fn from_alignment(visitor: &Visitor<'_>, alignment: Alignment, kind: LookKind) -> Look {
+    let Alignment { similarity, pairs, .. } = alignment;
+    let sighting = |&[suspect, carrier]: &[u32; 2]| {
+        let at = visitor.surface().positions.get(suspect as usize)?;
+        Some(Sighting { carrier, at: similarity.apply(*at) })
+    };
+    Look { kind, similarity, sightings: pairs.iter().filter_map(sighting).collect() }
+}
+
+/// Vertices paired by their number, where host and suspect have equally many.
+fn same_order(home: &Home, visitor: &Visitor<'_>) -> Option<Look> {
+    let (host, suspect) = (home.mesh().positions(), visitor.mesh().positions());
+    if host.len() != suspect.len() {
+        return None;
+    }
+    let carriers = home.surface().positions.iter().zip(&home.surface().first_vertex);
+    let pair = |(&to, &vertex): (_, &u32)| {
+        suspect.get(vertex as usize).map(|&from| Pair { from, to, weight: 1.0 })
+    };
+    let mut pairs: Vec<Pair> = carriers.filter_map(pair).collect();
+    let mut similarity = fit(&pairs, false)?;
+    let mut median = f64::INFINITY;
+    for _ in 0..ROUNDS {
+        let off = |p: &Pair| similarity.apply(p.from).distance(p.to);
+        let mut all: Vec<f64> = pairs.iter().map(off).collect();
+        let middle = all.len() / 2;
+        median = *all.select_nth_unstable_by(middle, f64::total_cmp).1;
+        if median <= 0.0 {
+            break;
+        }
+        for p in &mut pairs {
+            let off = similarity.apply(p.from).distance(p.to);
+            p.weight = 1.0 / (1.0 + (off / (2.0 * median)).powi(2));
+        }
+        similarity = fit(&pairs, false)?;
+    }
+    if median > SAME * home.surface().diagonal() {
+        return None;
+    }
+    let sightings = (0..).zip(&pairs);
+    let sightings =
+        sightings.map(|(carrier, p)| Sighting { carrier, at: similarity.apply(p.from) });
+    Some(Look { kind: LookKind::SameOrder, similarity, sightings: sightings.collect() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+    use crate::mesh::surface::Surface;
+    use crate::sample::Sample;
+    use glam::{DQuat, DVec3};
+
+    fn all(home: &Home, suspect: &Mesh) -> Vec<Look> {
+        let surface = Surface::new(suspect);
+        let mut seen = Vec::new();
+        let visitor = Visitor::new(suspect, &surface);
+        let _ = looks(home, &visitor, Effort::Whole, &|| false, &mut |look| {
+            seen.push(look);
+            ControlFlow::Continue(())
+        });
+        seen
+    }
+
+    #[test]
+    fn the_shares_of_all_looks_add_up_to_at_most_one() {
+        let registered: f64 = (0..ALIGNMENTS).map(|k| LookKind::Registered(k).share()).sum();
+        let rest = [LookKind::InPlace, LookKind::SameOrder, LookKind::Near].map(LookKind::share);
+        assert!(registered + rest.iter().sum::<f64>() <= 1.0 + 1e-12);
+    }
+
+    #[test]
+    fn a_moved_copy_is_seen_at_home_by_its_order_and_by_its_vertices() {
+        let mesh = Sample::Blob.mesh(6000).unwrap();
+        let home = Home::new(mesh.clone());
+        let place = Similarity {
+            scale: 0.3,
+            rotation: DQuat::from_rotation_y(1.1),
+            translation: DVec3::new(4.0, -2.0, 9.0),
+        };
+        let moved: Vec<DVec3> = mesh.positions().iter().map(|&p| place.apply(p)).collect();
+        let copy = Mesh::new(moved.clone(), mesh.triangles().to_vec()).unwrap();
+        let seen = all(&home, &copy);
+        let kinds: Vec<LookKind> = seen.iter().map(|look| look.kind).collect();
+        assert_eq!(kinds, [LookKind::InPlace, LookKind::SameOrder, LookKind::Registered(0)]);
+        for look in &seen[1..] {
+            assert!(look.sightings.len() > 4000, "{:?}", look.kind);
+            for s in &look.sightings {
+                let own = home.surface().positions[s.carrier as usize];
+                assert!(own.distance(s.at) < 1e-5, "{:?}", look.kind);
+            }
+            let frame = Frame { centre: DVec3::ONE, rho_min: 0.1, rho_max: 1.0 };
+            let there = look.frame_of(&frame);
+            assert!(there.centre.distance(place.apply(DVec3::ONE)) < 1e-5);
+            assert!((there.radial_extent() - 0.3 * 0.9).abs() < 1e-6);
+        }
+        // A part has another number of vertices.
+        let kept: Vec<[u32; 3]> =
+            mesh.triangles().iter().copied().filter(|t| moved[t[0] as usize].x > 4.0).collect();
+        let part = Mesh::new([moved, vec![DVec3::ZERO]].concat(), kept).unwrap();
+        let kinds: Vec<LookKind> = all(&home, &part).iter().map(|look| look.kind).collect();
+        assert_eq!(kinds, [LookKind::InPlace, LookKind::Registered(0)]);
+    }
+}

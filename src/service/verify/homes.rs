@@ -1,0 +1,91 @@
+//! Hosts and filters that were needed lately, kept in memory: preparing a host takes as long as
+//! looking at it from one suspect.
+
+use std::sync::Arc;
+
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
+
+use super::super::ServiceError;
+use super::super::hosts::HostKey;
+use crate::recognition::Home;
+use crate::registry::Record;
+use crate::watermark::{BitCount, Codeword, EmbedParams, HostFilter, Method};
+
+/// Bytes that hosts, and as many that filters may take: some twenty hosts of 50,000 vertices each.
+const BYTES: u64 = 256 << 20;
+
+/// Of which size the cache expects its entries to be.
+const USUAL_BYTES: u64 = 16 << 20;
+
+/// What a filter depends on besides the host: nothing else of the record.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+struct FilterKey {
+    host: HostKey,
+    class: u8,
+    method: Method,
+    strength_bits: u64,
+    bits: BitCount,
+}
+
+#[derive(Clone)]
+struct Bytes;
+
+impl Weighter<HostKey, Arc<Home>> for Bytes {
+    fn weight(&self, _: &HostKey, home: &Arc<Home>) -> u64 {
+        home.bytes() as u64
+    }
+}
+
+impl Weighter<FilterKey, Arc<HostFilter>> for Bytes {
+    fn weight(&self, _: &FilterKey, filter: &Arc<HostFilter>) -> u64 {
+        filter.bytes() as u64
+    }
+}
+
+/// The caches.
+pub(in super::super) struct Homes {
+    homes: Cache<HostKey, Arc<Home>, Bytes>,
+    filters: Cache<FilterKey, Arc<HostFilter>, Bytes>,
+}
+
+impl Homes {
+    /// Empty ones.
+    pub(in super::super) fn new() -> Self {
+        let entries = usize::try_from(BYTES / USUAL_BYTES).unwrap_or(1);
+        Self {
+            homes: Cache::with_weighter(entries, BYTES, Bytes),
+            filters: Cache::with_weighter(entries, BYTES, Bytes),
+        }
+    }
+
+    /// A host, if it is there.
+    pub(super) fn home(&self, key: HostKey) -> Option<Arc<Home>> {
+        self.homes.get(&key)
+    }
+
+    /// Keeps a host.
+    pub(super) fn keep(&self, key: HostKey, home: &Arc<Home>) {
+        self.homes.insert(key, home.clone());
+    }
+
+    /// The filter of a record on its host.
+    pub(super) fn filter(
+        &self,
+        host: (HostKey, &Home),
+        record: &Record,
+        codeword: &Codeword,
+    ) -> Result<Arc<HostFilter>, ServiceError> {
+        let (class, strength) = (codeword.lattice_class(), record.strength);
+        let (method, bits) = (record.method, record.bits);
+        let strength_bits = strength.get().to_bits();
+        let key = FilterKey { host: host.0, class, method, strength_bits, bits };
+        if let Some(filter) = self.filters.get(&key) {
+            return Ok(filter);
+        }
+        let params = EmbedParams { method, strength, bits, closed_loop: true };
+        let filter = Arc::new(HostFilter::new(host.1.mesh(), class, &params)?);
+        self.filters.insert(key, filter.clone());
+        Ok(filter)
+    }
+}

@@ -1,0 +1,134 @@
+//! Which hosts the dear detectors look at: those whose shape speaks for them, or that the request
+//! names. Shape alone decides, never a codeword, so only what is then scored is counted.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use uuid::Uuid;
+
+use super::super::hosts::HostKey;
+use super::super::{Service, ServiceError};
+use super::Depth;
+use super::at_home::Housed;
+use crate::blobs::{Kind, geometry};
+use crate::recognition::Home;
+use crate::registration::{Probe, Shape};
+use crate::registry::Record;
+use crate::watermark::Suspect;
+
+/// Records of a host whose details are fetched: the newest. (All are scored in the host's frame.)
+const DETAILED: usize = 64;
+
+/// Hosts on the list.
+fn most(depth: Depth) -> usize {
+    if depth == Depth::Exhaustive { 24 } else { 8 }
+}
+
+/// A host that may be asked about: its records, and its geometry unless that is in memory.
+pub(super) struct Listed {
+    key: HostKey,
+    home: Option<Arc<Home>>,
+    geometry: Option<Bytes>,
+    ids: Vec<u128>,
+    records: Vec<Record>,
+}
+
+impl Service {
+    /// On the pool: the hosts to look at, likeliest first.
+    pub(super) fn shortlist(
+        &self,
+        suspect: &Suspect,
+        named: Option<&[Record]>,
+        depth: Depth,
+    ) -> Vec<HostKey> {
+        let most = most(depth);
+        let mut named_hosts: Vec<HostKey> = Vec::new();
+        for record in named.unwrap_or_default().iter().rev().filter(|record| record.host_kept) {
+            let key = HostKey::new(&record.host_sha256);
+            if !named_hosts.contains(&key) {
+                named_hosts.push(key);
+            }
+        }
+        if named.is_some() && named_hosts.len() <= 1 || self.hosts.len() == 0 {
+            return named_hosts;
+        }
+        let Some(shape) = Shape::new(suspect.surface().clone()) else {
+            named_hosts.truncate(most);
+            return named_hosts;
+        };
+        let mut listed = self.hosts.shortlist(&Probe::new(&shape), most);
+        if named.is_some() {
+            listed.retain(|key| named_hosts.contains(key));
+            named_hosts.retain(|key| !listed.contains(key));
+            listed.extend(named_hosts);
+            listed.truncate(most);
+        }
+        listed
+    }
+
+    /// Fetches what the dear detectors need of the listed hosts; those that are gone are left out.
+    pub(super) async fn fetch(
+        &self,
+        listed: Vec<HostKey>,
+        named: Option<&[Record]>,
+    ) -> Result<Vec<Listed>, ServiceError> {
+        let mut fetched = Vec::new();
+        for key in listed {
+            let mut of_host = self.hosts.records_of(key);
+            if let Some(named) = named {
+                of_host.retain(|id| named.iter().any(|record| record.id == *id));
+            }
+            let mut records = Vec::new();
+            for &id in of_host.iter().rev().take(DETAILED) {
+                let record = self.registry.record(id).await?;
+                records.extend(record.filter(|record| record.revoked_at.is_none()));
+            }
+            let home = self.homes.home(key);
+            let geometry = match home {
+                Some(_) => None,
+                None => self.geometry_of(&records).await?,
+            };
+            if records.is_empty() || (home.is_none() && geometry.is_none()) {
+                continue;
+            }
+            let mut ids: Vec<u128> = of_host.iter().map(Uuid::as_u128).collect();
+            ids.sort_unstable();
+            fetched.push(Listed { key, home, geometry, ids, records });
+        }
+        Ok(fetched)
+    }
+
+    /// All records of a host have the same; an operator may have removed some.
+    async fn geometry_of(&self, records: &[Record]) -> Result<Option<Bytes>, ServiceError> {
+        for record in records {
+            if let Some(bytes) = self.blobs.get(Kind::Host, record.id).await? {
+                return Ok(Some(bytes));
+            }
+        }
+        Ok(None)
+    }
+
+    /// On the pool: unpacks what is not in memory, and keeps it there.
+    pub(super) fn housed(&self, listed: Listed) -> Result<Option<Housed>, ServiceError> {
+        let Listed { key, home, geometry, ids, records } = listed;
+        let home = match (home, geometry) {
+            (Some(home), _) => home,
+            (None, Some(bytes)) => {
+                let limits = &self.config.limits;
+                let mesh = geometry::unpack(&bytes, limits.max_vertices, limits.max_triangles)?;
+                let home = Arc::new(Home::new(mesh));
+                self.homes.keep(key, &home);
+                home
+            }
+            (None, None) => return Ok(None),
+        };
+        Ok(Some(Housed { key, home, ids, records }))
+    }
+}
+
+impl Listed {
+    /// Bytes of an upload that would take about as much memory.
+    pub(super) fn upload_bytes(&self) -> u64 {
+        self.records.first().map_or(0, |record| record.marked_bytes)
+    }
+}
