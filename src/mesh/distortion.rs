@@ -8,11 +8,9 @@
 //! figures are only reproduced with edges and triangles sampled too.
 
 use glam::DVec3;
-use parry3d_f64::math::Vector;
-use parry3d_f64::query::PointQuery;
-use parry3d_f64::shape::TriMesh;
 use rayon::prelude::*;
 
+use super::closest::Closest;
 use super::sampling::samples;
 use super::surface::Surface;
 
@@ -46,21 +44,13 @@ pub fn distortion(a: &Surface, b: &Surface, per_kind: usize) -> Option<Distortio
     })
 }
 
-fn vector(p: DVec3) -> Vector {
-    Vector::new(p.x, p.y, p.z)
-}
-
 /// Root mean square and maximum of the samples' distances to the surface.
 pub(super) fn one_sided(samples: &[DVec3], surface: &Surface) -> Option<(f64, f64)> {
-    let points = surface.positions.iter().copied().map(vector).collect();
-    let target = TriMesh::new(points, surface.triangles.clone()).ok()?;
+    let target = Closest::new(surface)?;
     if samples.is_empty() {
         return None;
     }
-    let distance = |&p: &DVec3| {
-        let p = vector(p);
-        (target.project_local_point(p, false).point - p).length()
-    };
+    let distance = |&p: &DVec3| target.distance(p);
     let distances: Vec<f64> = samples.par_iter().with_min_len(1024).map(distance).collect();
     let squares: f64 = distances.iter().map(|d| d * d).sum();
     let largest = distances.iter().copied().fold(0.0, f64::max);

@@ -5,6 +5,7 @@
 //! the number of threads.
 
 pub mod adjacency;
+pub mod closest;
 pub mod distortion;
 pub mod quadric;
 pub mod quality;
