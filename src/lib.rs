@@ -54,6 +54,7 @@
 //! - [`sample`]: meshes made from nothing, for documentation and tests.
 //! - [`config`], [`keys`], [`registry`], [`blobs`], [`jobs`]: settings, master keys, records,
 //!   files, the worker pool.
+//! - [`lab`]: what a mark costs and survives: attacks, measures, experiments.
 //! - [`service`]: the use cases; [`http`]: the same over HTTP.
 
 pub mod blobs;
@@ -62,6 +63,7 @@ pub mod formats;
 pub mod http;
 pub mod jobs;
 pub mod keys;
+pub mod lab;
 pub mod marking;
 pub mod mesh;
 pub mod recognition;

@@ -1,0 +1,209 @@
+//! An attack with its parameters, as a value: what a grid lists, a row names and a plot's axis
+//! shows.
+
+use std::fmt;
+
+use super::crop::{Of, crop};
+use super::remesh::{Remeshing, remesh};
+use super::{
+    AttackError, collude, noise, quantise, re_mark, reorder, round_trip, similarity, simplify,
+    smooth, spikes, subdivide,
+};
+use crate::lab::random::Random;
+use crate::mesh::Mesh;
+use crate::watermark::{Codeword, EmbedParams};
+
+/// What an attack may need beside the marked mesh.
+#[derive(Clone, Copy)]
+pub struct Context<'a> {
+    /// The mesh before it was marked: other copies are made from it.
+    pub host: &'a Mesh,
+    /// How the mesh was marked: other marks are made alike.
+    pub params: &'a EmbedParams,
+}
+
+/// An attack and how strong it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Attack {
+    /// Nothing at all.
+    None,
+    /// [`noise::unit_vectors`] by this share of the largest norm.
+    Noise(f64),
+    /// [`noise::uniform_coordinates`] with this share of the mean norm.
+    UniformNoise(f64),
+    /// [`smooth::laplacian`].
+    Smooth {
+        /// Share of the way to the neighbours' mean.
+        lambda: f64,
+        /// How often.
+        iterations: u32,
+    },
+    /// [`quantise::quantise`] to this many bits.
+    Quantise(u32),
+    /// [`simplify::simplify`], this share of the triangles removed.
+    Simplify(f64),
+    /// [`remesh::remesh`] to this share of the vertices.
+    Remesh(f64),
+    /// [`subdivide::midpoint`].
+    Midpoint,
+    /// [`subdivide::butterfly`].
+    Butterfly,
+    /// [`subdivide::loop_scheme`].
+    Loop,
+    /// [`subdivide::sqrt3`].
+    Sqrt3,
+    /// [`crop`] of this share.
+    Crop(f64, Of),
+    /// [`similarity::similarity`].
+    Similarity,
+    /// [`reorder::reorder`].
+    Reorder,
+    /// [`spikes::stray_vertices`], this many.
+    StrayVertices(u32),
+    /// [`spikes::spikes`].
+    Spikes {
+        /// How many.
+        count: u32,
+        /// By what share of their norm they stand out.
+        height: f64,
+    },
+    /// [`collude::average`] of this many copies, the marked one among them.
+    Collude(u32),
+    /// [`re_mark::re_mark`].
+    ReMark,
+    /// [`round_trip::glb_and_obj`].
+    RoundTrip,
+}
+
+impl Attack {
+    /// What the attack leaves of `marked`. The same seed gives the same mesh.
+    ///
+    /// # Errors
+    /// [`AttackError`].
+    pub fn apply(
+        &self,
+        marked: &Mesh,
+        context: &Context<'_>,
+        seed: u64,
+    ) -> Result<Mesh, AttackError> {
+        match *self {
+            Self::None => Ok(marked.clone()),
+            Self::Noise(share) => noise::unit_vectors(marked, share, seed),
+            Self::UniformNoise(amplitude) => noise::uniform_coordinates(marked, amplitude, seed),
+            Self::Smooth { lambda, iterations } => {
+                smooth::laplacian(marked, lambda, usize::try_from(iterations).unwrap_or(usize::MAX))
+            }
+            Self::Quantise(bits) => quantise::quantise(marked, bits),
+            Self::Simplify(share) => simplify::simplify(marked, share),
+            Self::Remesh(share) => remesh(marked, &Remeshing::to_share(share)),
+            Self::Midpoint => subdivide::midpoint(marked),
+            Self::Butterfly => subdivide::butterfly(marked),
+            Self::Loop => subdivide::loop_scheme(marked),
+            Self::Sqrt3 => subdivide::sqrt3(marked),
+            Self::Crop(share, of) => crop(marked, share, of, seed),
+            Self::Similarity => similarity::similarity(marked, seed),
+            Self::Reorder => reorder::reorder(marked, seed),
+            Self::StrayVertices(count) => spikes::stray_vertices(marked, count as usize, seed),
+            Self::Spikes { count, height } => spikes::spikes(marked, count as usize, height, seed),
+            Self::Collude(copies) => averaged(marked, context, copies, seed),
+            Self::ReMark => re_mark::re_mark(marked, context.params, seed),
+            Self::RoundTrip => round_trip::glb_and_obj(marked),
+        }
+    }
+
+    /// The family's name, as it stands in rows.
+    #[must_use]
+    pub fn family(&self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Noise(_) => "noise",
+            Self::UniformNoise(_) => "uniform-noise",
+            Self::Smooth { .. } => "smoothing",
+            Self::Quantise(_) => "quantisation",
+            Self::Simplify(_) => "simplification",
+            Self::Remesh(_) => "remeshing",
+            Self::Midpoint => "midpoint",
+            Self::Butterfly => "butterfly",
+            Self::Loop => "loop",
+            Self::Sqrt3 => "sqrt3",
+            Self::Crop(_, Of::Vertices) => "cropping",
+            Self::Crop(_, Of::Area) => "area-cropping",
+            Self::Similarity => "similarity",
+            Self::Reorder => "reordering",
+            Self::StrayVertices(_) => "stray-vertices",
+            Self::Spikes { .. } => "spikes",
+            Self::Collude(_) => "collusion",
+            Self::ReMark => "re-marking",
+            Self::RoundTrip => "round-trip",
+        }
+    }
+
+    /// The number that says how strong it is, where there is one: percent for shares, else a count.
+    #[must_use]
+    pub fn amount(&self) -> Option<f64> {
+        match *self {
+            Self::Noise(share)
+            | Self::UniformNoise(share)
+            | Self::Simplify(share)
+            | Self::Remesh(share)
+            | Self::Crop(share, _) => Some(percent(share)),
+            Self::Smooth { iterations: count, .. }
+            | Self::Quantise(count)
+            | Self::StrayVertices(count)
+            | Self::Spikes { count, .. }
+            | Self::Collude(count) => Some(f64::from(count)),
+            _ => None,
+        }
+    }
+}
+
+/// A share in percent, free of the last digit's rounding.
+fn percent(share: f64) -> f64 {
+    (share * 1e8).round() / 1e6
+}
+
+/// The marked copy averaged with others of the same host under other keys.
+fn averaged(
+    marked: &Mesh,
+    context: &Context<'_>,
+    copies: u32,
+    seed: u64,
+) -> Result<Mesh, AttackError> {
+    let mut random = Random::new(seed);
+    let mut others = Vec::new();
+    for _ in 1..copies {
+        let (key, message) = re_mark::key_and_message(context.params, &mut random)?;
+        let embedding =
+            re_mark::mark(context.host, &Codeword::new(&key, &message), context.params)?;
+        others.push(Mesh::new(embedding.positions, context.host.triangles().to_vec())?);
+    }
+    let all: Vec<&Mesh> = std::iter::once(marked).chain(&others).collect();
+    collude::average(&all)
+}
+
+impl fmt::Display for Attack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::None => f.write_str("no attack"),
+            Self::Noise(share) => write!(f, "noise {} %", percent(share)),
+            Self::UniformNoise(share) => write!(f, "uniform noise {} %", percent(share)),
+            Self::Smooth { lambda, iterations } => write!(f, "smoothing {lambda} x {iterations}"),
+            Self::Quantise(bits) => write!(f, "quantised to {bits} bits"),
+            Self::Simplify(share) => write!(f, "simplified by {} %", percent(share)),
+            Self::Remesh(share) => write!(f, "remeshed to {} %", percent(share)),
+            Self::Midpoint => f.write_str("subdivided, midpoint"),
+            Self::Butterfly => f.write_str("subdivided, butterfly"),
+            Self::Loop => f.write_str("subdivided, Loop"),
+            Self::Sqrt3 => f.write_str("subdivided, sqrt3"),
+            Self::Crop(share, Of::Vertices) => write!(f, "cropped by {} %", percent(share)),
+            Self::Crop(share, Of::Area) => write!(f, "cropped by {} % of the area", percent(share)),
+            Self::Similarity => f.write_str("moved, turned, scaled"),
+            Self::Reorder => f.write_str("reordered"),
+            Self::StrayVertices(count) => write!(f, "{count} stray vertices"),
+            Self::Spikes { count, height } => write!(f, "{count} spikes of {} %", percent(height)),
+            Self::Collude(copies) => write!(f, "mean of {copies} copies"),
+            Self::ReMark => f.write_str("marked again"),
+            Self::RoundTrip => f.write_str("GLB and OBJ round trip"),
+        }
+    }
+}

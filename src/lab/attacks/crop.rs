@@ -1,0 +1,65 @@
+//! Cutting a part away by a plane.
+
+use glam::DVec3;
+
+use super::{AttackError, compacted, share_of, surface_of};
+use crate::lab::random::Random;
+use crate::mesh::Mesh;
+use crate::mesh::surface::{Surface, doubled_area};
+
+/// Of what a share is cut away.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Of {
+    /// The vertices (Wang et al. 2010: 0.1, 0.3, 0.5).
+    Vertices,
+    /// The area.
+    Area,
+}
+
+/// Cuts `share` of the vertices or of the area away, beyond a plane across a random direction.
+/// Triangles go or stay whole: those with a vertex beyond the plane go ([`Of::Vertices`]), or those
+/// whose centroid is ([`Of::Area`]). The rest stays where it is.
+///
+/// # Errors
+/// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when no triangle is left.
+pub fn crop(mesh: &Mesh, share: f64, of: Of, seed: u64) -> Result<Mesh, AttackError> {
+    let surface = surface_of(mesh)?;
+    let normal = Random::new(seed).direction();
+    let triangles = match of {
+        Of::Vertices => within_vertices(&surface, share, normal),
+        Of::Area => within_area(&surface, share, normal),
+    };
+    compacted(&surface.positions, triangles)
+}
+
+fn within_vertices(surface: &Surface, share: f64, normal: DVec3) -> Vec<[u32; 3]> {
+    let heights: Vec<f64> = surface.positions.iter().map(|v| v.dot(normal)).collect();
+    let mut sorted = heights.clone();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let kept = sorted.len() - share_of(sorted.len(), share);
+    let Some(&highest) = sorted.get(kept.wrapping_sub(1)) else { return Vec::new() };
+    let inside = |t: &&[u32; 3]| t.iter().all(|&v| heights[v as usize] <= highest);
+    surface.triangles.iter().filter(inside).copied().collect()
+}
+
+fn within_area(surface: &Surface, share: f64, normal: DVec3) -> Vec<[u32; 3]> {
+    let corners = |t: &[u32; 3]| t.map(|v| surface.positions[v as usize]);
+    let mut order: Vec<(f64, [u32; 3])> = surface
+        .triangles
+        .iter()
+        .map(|t| (corners(t).iter().sum::<DVec3>().dot(normal), *t))
+        .collect();
+    // Stable: triangles at one height stay in order.
+    order.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    let area = |t: &[u32; 3]| {
+        let [a, b, c] = corners(t);
+        doubled_area(a, b, c).length()
+    };
+    let total: f64 = order.iter().map(|(_, t)| area(t)).sum();
+    let mut passed = 0.0;
+    let below = |(_, t): &(f64, [u32; 3])| {
+        passed += area(t);
+        (passed <= (1.0 - share) * total * (1.0 + 1e-12)).then_some(*t)
+    };
+    order.iter().map_while(below).collect()
+}

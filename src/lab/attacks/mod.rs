@@ -1,0 +1,106 @@
+//! What may happen to a marked mesh: one family per file, each attack a pure function of a mesh,
+//! its parameters and a seed.
+//!
+//! Vertices at one position are one point (`mesh::weld`) and are moved together, or seams would
+//! crack, which no attacker wants. Attacks that make new triangles give the welded surface: stray
+//! vertices, area-less triangles and the file's seams are gone.
+//!
+//! Must not know about files on disk, clocks or what is measured afterwards.
+
+mod attack;
+pub mod collude;
+pub mod crop;
+mod edges;
+pub mod noise;
+pub mod quantise;
+pub mod re_mark;
+pub mod remesh;
+pub mod reorder;
+pub mod round_trip;
+pub mod similarity;
+pub mod simplify;
+pub mod smooth;
+pub mod spikes;
+pub mod subdivide;
+
+use glam::DVec3;
+
+use crate::formats::FormatError;
+use crate::mesh::surface::{NO_CARRIER, Surface};
+use crate::mesh::{Mesh, MeshError};
+use crate::watermark::WatermarkError;
+
+pub use attack::{Attack, Context};
+
+/// Why an attack leaves no mesh.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AttackError {
+    /// What is left is no mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// The mesh cannot be marked again.
+    #[error(transparent)]
+    Watermark(#[from] WatermarkError),
+    /// The mesh does not survive a file format.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// Copies to be averaged are not copies of one mesh.
+    #[error("the copies differ in their triangles or numbers of vertices")]
+    CopiesDiffer,
+    /// There is no surface to work on.
+    #[error("no triangle of the mesh has an area")]
+    NoSurface,
+}
+
+/// A count as an index; meshes have fewer than 2^32 of anything ([`MeshError::TooLarge`]).
+fn index(count: usize) -> u32 {
+    u32::try_from(count).unwrap_or(u32::MAX)
+}
+
+/// `share` of `count`, rounded; 0 for a negative share.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and count")]
+fn share_of(count: usize, share: f64) -> usize {
+    (count as f64 * share.clamp(0.0, 1.0)).round() as usize
+}
+
+/// The mesh with its carriers at `positions`; other vertices stay.
+fn with_carriers_at(
+    mesh: &Mesh,
+    surface: &Surface,
+    positions: &[DVec3],
+) -> Result<Mesh, AttackError> {
+    let at = |(vertex, &carrier): (&DVec3, &u32)| {
+        if carrier == NO_CARRIER { *vertex } else { positions[carrier as usize] }
+    };
+    let moved = mesh.positions().iter().zip(&surface.carrier_of).map(at).collect();
+    Ok(Mesh::new(moved, mesh.triangles().to_vec())?)
+}
+
+/// The welded surface, or an error where there is none.
+fn surface_of(mesh: &Mesh) -> Result<Surface, AttackError> {
+    let surface = Surface::new(mesh);
+    if surface.triangles.is_empty() { Err(AttackError::NoSurface) } else { Ok(surface) }
+}
+
+/// A mesh of `triangles` and those of `positions` that they use, in the old order.
+fn compacted(positions: &[DVec3], mut triangles: Vec<[u32; 3]>) -> Result<Mesh, AttackError> {
+    const UNUSED: u32 = u32::MAX;
+    let mut new_index = vec![UNUSED; positions.len()];
+    for &vertex in triangles.iter().flatten() {
+        new_index[vertex as usize] = 0;
+    }
+    let mut used = Vec::new();
+    for (new, &position) in new_index.iter_mut().zip(positions) {
+        if *new != UNUSED {
+            *new = index(used.len());
+            used.push(position);
+        }
+    }
+    for triangle in &mut triangles {
+        *triangle = triangle.map(|vertex| new_index[vertex as usize]);
+    }
+    Ok(Mesh::new(used, triangles)?)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,55 @@
+//! Marking what is marked already.
+
+use glam::DVec3;
+
+use super::AttackError;
+use crate::lab::random::Random;
+use crate::mesh::Mesh;
+use crate::mesh::surface::Surface;
+use crate::watermark::{
+    Codeword, EmbedParams, Embedding, Host, MarkKey, Message, WatermarkError, embed,
+};
+
+/// Embeds a random message under a random key into the mesh, whatever it carries already (the
+/// second watermark of Cox et al. 1997, section V). Positions are rounded to single precision, as
+/// most files store them.
+///
+/// # Errors
+/// [`AttackError::Watermark`] when the mesh does not carry the second mark.
+pub fn re_mark(mesh: &Mesh, params: &EmbedParams, seed: u64) -> Result<Mesh, AttackError> {
+    let (key, message) = key_and_message(params, &mut Random::new(seed))?;
+    let marked = mark(mesh, &Codeword::new(&key, &message), params)?;
+    Ok(Mesh::new(marked.positions, mesh.triangles().to_vec())?)
+}
+
+/// A mark key and a message of the asked length, both random.
+///
+/// # Errors
+/// None in truth: the length comes from a valid [`crate::watermark::BitCount`].
+pub fn key_and_message(
+    params: &EmbedParams,
+    random: &mut Random,
+) -> Result<(MarkKey, Message), WatermarkError> {
+    let key = MarkKey::from_bytes(random.bytes());
+    let bits = (0..params.bits.get()).map(|_| random.word() & 1 == 1).collect();
+    Ok((key, Message::from_bits(bits)?))
+}
+
+/// Embeds into a mesh without a file, as one with single-precision coordinates would store it.
+///
+/// # Errors
+/// As [`embed`].
+pub fn mark(
+    mesh: &Mesh,
+    codeword: &Codeword,
+    params: &EmbedParams,
+) -> Result<Embedding, WatermarkError> {
+    #[expect(clippy::cast_possible_truncation, reason = "rounding to single precision is meant")]
+    let round = |positions: &mut [DVec3]| {
+        for p in positions {
+            *p = DVec3::from_array(p.to_array().map(|x| f64::from(x as f32)));
+        }
+    };
+    let host = Host { mesh, surface: &Surface::new(mesh), pinned: &[], round: &round };
+    embed(host, codeword, params, &|| false)
+}

@@ -1,0 +1,238 @@
+//! A triangle mesh whose edges can be split, collapsed and flipped.
+
+use glam::DVec3;
+
+use super::super::edges::Edges;
+use super::super::{AttackError, compacted, index};
+use crate::mesh::Mesh;
+use crate::mesh::surface::{Surface, doubled_area};
+
+/// A triangle that is gone.
+const GONE: [u32; 3] = [u32::MAX; 3];
+
+/// Positions, triangles, and who stands where. Triangles and vertices that go leave a hole.
+pub struct Dynamic {
+    pub positions: Vec<DVec3>,
+    pub triangles: Vec<[u32; 3]>,
+    /// Per vertex, its triangles.
+    pub around: Vec<Vec<u32>>,
+    /// Per vertex, the other ends of its feature edges: creases, borders, and edges with more than
+    /// two triangles.
+    pub features: Vec<Vec<u32>>,
+    /// Per vertex, whether it lies on a border.
+    pub border: Vec<bool>,
+}
+
+/// The triangles at an edge: their opposite corners too.
+#[derive(Debug, Clone, Copy)]
+pub struct Wing {
+    pub triangle: u32,
+    pub apex: u32,
+}
+
+impl Dynamic {
+    pub fn new(surface: &Surface, crease_degrees: f64) -> Self {
+        let vertices = surface.positions.len();
+        let mut this = Self {
+            positions: surface.positions.clone(),
+            triangles: surface.triangles.clone(),
+            around: vec![Vec::new(); vertices],
+            features: vec![Vec::new(); vertices],
+            border: vec![false; vertices],
+        };
+        for (t, triangle) in (0_u32..).zip(&surface.triangles) {
+            for &vertex in triangle {
+                this.around[vertex as usize].push(t);
+            }
+        }
+        this.find_features(crease_degrees.to_radians());
+        this
+    }
+
+    fn find_features(&mut self, crease: f64) {
+        let edges = Edges::new(&self.triangles);
+        for (edge, &[a, b]) in edges.ends.iter().enumerate() {
+            let feature = match edges.inner_sides(edge, &self.triangles) {
+                Some(sides) => {
+                    let [n, m] = sides.map(|side| self.normal(index(side / 3)));
+                    n.angle_between(m) > crease
+                }
+                None => true,
+            };
+            if feature {
+                self.features[a as usize].push(b);
+                self.features[b as usize].push(a);
+            }
+            if edges.count[edge] == 1 {
+                self.border[a as usize] = true;
+                self.border[b as usize] = true;
+            }
+        }
+    }
+
+    pub fn at(&self, vertex: u32) -> DVec3 {
+        self.positions[vertex as usize]
+    }
+
+    pub fn length(&self, [a, b]: [u32; 2]) -> f64 {
+        self.at(a).distance(self.at(b))
+    }
+
+    /// Twice the area vector of a triangle.
+    pub fn normal(&self, triangle: u32) -> DVec3 {
+        let [a, b, c] = self.triangles[triangle as usize].map(|v| self.at(v));
+        doubled_area(a, b, c)
+    }
+
+    /// Triangles that are not gone.
+    pub fn living(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
+        self.triangles.iter().copied().filter(|&t| t != GONE)
+    }
+
+    pub fn area(&self) -> f64 {
+        let area = |t: [u32; 3]| {
+            let [a, b, c] = t.map(|v| self.at(v));
+            doubled_area(a, b, c).length() / 2.0
+        };
+        self.living().map(area).sum()
+    }
+
+    /// Vertices with triangles.
+    pub fn vertices(&self) -> usize {
+        self.around.iter().filter(|triangles| !triangles.is_empty()).count()
+    }
+
+    /// All edges, each once, in the order of their ends.
+    pub fn edges(&self) -> Vec<[u32; 2]> {
+        let mut edges: Vec<[u32; 2]> = self
+            .living()
+            .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]])
+            .map(|[a, b]| [a.min(b), a.max(b)])
+            .collect();
+        rayon::slice::ParallelSliceMut::par_sort_unstable(edges.as_mut_slice());
+        edges.dedup();
+        edges
+    }
+
+    pub fn is_feature(&self, [a, b]: [u32; 2]) -> bool {
+        self.features[a as usize].contains(&b)
+    }
+
+    /// The triangles at an edge: the first two, and how many there are.
+    pub fn wings(&self, [a, b]: [u32; 2]) -> (usize, [Wing; 2]) {
+        let mut wings = [Wing { triangle: 0, apex: 0 }; 2];
+        let mut count = 0;
+        for &triangle in &self.around[a as usize] {
+            let corners = self.triangles[triangle as usize];
+            if corners.contains(&b) {
+                let apex = corners.into_iter().find(|&c| c != a && c != b).unwrap_or(a);
+                if let Some(wing) = wings.get_mut(count) {
+                    *wing = Wing { triangle, apex };
+                }
+                count += 1;
+            }
+        }
+        (count, wings)
+    }
+
+    /// Whether `a` comes right before `b` in a triangle.
+    pub fn runs(&self, triangle: u32, a: u32, b: u32) -> bool {
+        let [x, y, z] = self.triangles[triangle as usize];
+        [[x, y], [y, z], [z, x]].contains(&[a, b])
+    }
+
+    /// Neighbours of a vertex, ascending, into `list`.
+    pub fn neighbours(&self, vertex: u32, list: &mut Vec<u32>) {
+        list.clear();
+        for &t in &self.around[vertex as usize] {
+            list.extend(self.triangles[t as usize].into_iter().filter(|&c| c != vertex));
+        }
+        list.sort_unstable();
+        list.dedup();
+    }
+
+    /// Puts a new vertex at `place` on the edge; its triangles become twice as many.
+    pub fn split(&mut self, [a, b]: [u32; 2], place: DVec3) {
+        let middle = index(self.positions.len());
+        let triangles: Vec<u32> = self.around[a as usize]
+            .iter()
+            .copied()
+            .filter(|&t| self.triangles[t as usize].contains(&b))
+            .collect();
+        self.positions.push(place);
+        self.border.push(triangles.len() == 1);
+        self.features.push(Vec::new());
+        let mut around = Vec::with_capacity(2 * triangles.len());
+        for t in triangles {
+            let old = self.triangles[t as usize];
+            let new = index(self.triangles.len());
+            self.triangles[t as usize] = replaced(old, b, middle);
+            self.triangles.push(replaced(old, a, middle));
+            rename(&mut self.around[b as usize], t, new);
+            if let Some(apex) = old.into_iter().find(|&c| c != a && c != b) {
+                self.around[apex as usize].push(new);
+            }
+            around.extend([t, new]);
+        }
+        self.around.push(around);
+        if self.is_feature([a, b]) {
+            rename(&mut self.features[a as usize], b, middle);
+            rename(&mut self.features[b as usize], a, middle);
+            self.features[middle as usize] = vec![a, b];
+        }
+    }
+
+    /// Merges `gone` into `kept`, which goes to `place`. The caller has checked that the result is
+    /// a surface (link condition).
+    pub fn collapse(&mut self, gone: u32, kept: u32, place: DVec3) {
+        let triangles = std::mem::take(&mut self.around[gone as usize]);
+        for t in triangles {
+            let corners = self.triangles[t as usize];
+            if corners.contains(&kept) {
+                for corner in corners {
+                    self.around[corner as usize].retain(|&other| other != t);
+                }
+                self.triangles[t as usize] = GONE;
+            } else {
+                self.triangles[t as usize] = replaced(corners, gone, kept);
+                self.around[kept as usize].push(t);
+            }
+        }
+        for end in std::mem::take(&mut self.features[gone as usize]) {
+            self.features[end as usize].retain(|&other| other != gone);
+            if end != kept && !self.features[kept as usize].contains(&end) {
+                self.features[kept as usize].push(end);
+                self.features[end as usize].push(kept);
+            }
+        }
+        self.border[kept as usize] |= self.border[gone as usize];
+        self.positions[kept as usize] = place;
+    }
+
+    /// Turns the edge a-b of two triangles into the edge between their apexes. `first` runs a to b.
+    pub fn flip(&mut self, [a, b]: [u32; 2], first: Wing, second: Wing) {
+        self.triangles[first.triangle as usize] = [a, second.apex, first.apex];
+        self.triangles[second.triangle as usize] = [second.apex, b, first.apex];
+        self.around[b as usize].retain(|&t| t != first.triangle);
+        self.around[a as usize].retain(|&t| t != second.triangle);
+        self.around[second.apex as usize].push(first.triangle);
+        self.around[first.apex as usize].push(second.triangle);
+    }
+
+    pub fn finish(self) -> Result<Mesh, AttackError> {
+        let triangles = self.living().collect();
+        compacted(&self.positions, triangles)
+    }
+}
+
+fn replaced(corners: [u32; 3], old: u32, new: u32) -> [u32; 3] {
+    corners.map(|c| if c == old { new } else { c })
+}
+
+fn rename(list: &mut [u32], old: u32, new: u32) {
+    for item in list {
+        if *item == old {
+            *item = new;
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! The passes of one round of remeshing. Edges are visited in the order of their ends, so that the
+//! result depends on the mesh alone.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::dynamic::{Dynamic, Wing};
+use crate::mesh::closest::Closest;
+use crate::mesh::surface::doubled_area;
+
+/// A triangle may turn by at most 60 degrees at once (cosine 1/2): more is a fold.
+const LEAST_COSINE: f64 = 0.5;
+
+/// Halvings in one round. Twenty would cut the diagonal of the object into a millionth.
+const MOST_HALVINGS: usize = 20;
+
+/// Splits edges longer than `longest`, until there are none.
+pub fn split(mesh: &mut Dynamic, longest: f64) {
+    for _ in 0..MOST_HALVINGS {
+        let mut edges = mesh.edges();
+        edges.retain(|&edge| mesh.length(edge) > longest);
+        if edges.is_empty() {
+            return;
+        }
+        for edge in edges {
+            let [a, b] = edge.map(|v| mesh.at(v));
+            mesh.split(edge, a.midpoint(b));
+        }
+    }
+}
+
+/// Collapses edges shorter than `shortest` where that makes no edge longer than `longest`, folds
+/// nothing and moves no feature.
+pub fn collapse(mesh: &mut Dynamic, shortest: f64, longest: f64) {
+    let mut edges = mesh.edges();
+    edges.retain(|&edge| mesh.length(edge) < shortest);
+    let mut lists = [Vec::new(), Vec::new()];
+    for edge in edges {
+        let alive = edge.iter().all(|&v| !mesh.around[v as usize].is_empty());
+        if !alive || mesh.wings(edge).0 == 0 || mesh.length(edge) >= shortest {
+            continue;
+        }
+        let Some((gone, kept, place)) = merged(mesh, edge) else { continue };
+        if is_sound(mesh, [gone, kept], &mut lists)
+            && stays_short(mesh, place, longest, &lists)
+            && !folds(mesh, gone, kept, place)
+            && !folds(mesh, kept, gone, place)
+        {
+            mesh.collapse(gone, kept, place);
+        }
+    }
+}
+
+/// Who goes, who stays and where: a smooth vertex gives way to a feature, and a vertex within a
+/// feature curve to the next along it. `None` when both must stay.
+fn merged(mesh: &Dynamic, [a, b]: [u32; 2]) -> Option<(u32, u32, DVec3)> {
+    let degree = |v: u32| mesh.features[v as usize].len();
+    match (degree(a), degree(b)) {
+        (0, 0) => Some((a, b, mesh.at(a).midpoint(mesh.at(b)))),
+        (0, _) => Some((a, b, mesh.at(b))),
+        (_, 0) => Some((b, a, mesh.at(a))),
+        _ if !mesh.is_feature([a, b]) => None,
+        (2, _) => Some((a, b, mesh.at(b))),
+        (_, 2) => Some((b, a, mesh.at(a))),
+        _ => None,
+    }
+}
+
+/// The link condition: the ends have no common neighbours but the apexes of the edge's triangles.
+/// Leaves the neighbours of both in `lists`.
+fn is_sound(mesh: &Dynamic, edge: [u32; 2], lists: &mut [Vec<u32>; 2]) -> bool {
+    let (count, wings) = mesh.wings(edge);
+    for (list, vertex) in lists.iter_mut().zip(edge) {
+        mesh.neighbours(vertex, list);
+    }
+    let common = lists[0].iter().filter(|v| lists[1].binary_search(v).is_ok()).count();
+    // An apex with three triangles would be left with two that coincide.
+    let thin = |wing: &Wing| mesh.around[wing.apex as usize].len() <= 3;
+    let borders = edge.iter().all(|&v| mesh.border[v as usize]);
+    (1..=2).contains(&count)
+        && common == count
+        && !wings.iter().take(count).any(thin)
+        // Two borders must not be joined across the surface.
+        && (count == 1 || !borders)
+}
+
+fn stays_short(mesh: &Dynamic, place: DVec3, longest: f64, lists: &[Vec<u32>; 2]) -> bool {
+    lists.iter().flatten().all(|&v| mesh.at(v).distance(place) <= longest)
+}
+
+/// Whether moving `vertex` to `place` folds a triangle, those with `except` aside.
+fn folds(mesh: &Dynamic, vertex: u32, except: u32, place: DVec3) -> bool {
+    mesh.around[vertex as usize].iter().any(|&t| {
+        let corners = mesh.triangles[t as usize];
+        if corners.contains(&except) {
+            return false;
+        }
+        let [a, b, c] = corners.map(|v| if v == vertex { place } else { mesh.at(v) });
+        turns_too_far(mesh.normal(t), doubled_area(a, b, c))
+    })
+}
+
+fn turns_too_far(before: DVec3, after: DVec3) -> bool {
+    let lengths = before.length() * after.length();
+    // Also when the new triangle has no area. An old one without any may become anything.
+    before != DVec3::ZERO && before.dot(after) <= LEAST_COSINE * lengths
+}
+
+/// Flips edges where that brings vertices nearer to six neighbours (four at a border).
+pub fn flip(mesh: &mut Dynamic) {
+    let mut list = Vec::new();
+    for edge in mesh.edges() {
+        let [a, b] = edge;
+        let (count, [x, y]) = mesh.wings(edge);
+        if count != 2 || mesh.is_feature(edge) || x.apex == y.apex {
+            continue;
+        }
+        let (first, second) = if mesh.runs(x.triangle, a, b) { (x, y) } else { (y, x) };
+        if !mesh.runs(first.triangle, a, b) || !mesh.runs(second.triangle, b, a) {
+            continue;
+        }
+        let (c, d) = (first.apex, second.apex);
+        let change =
+            excess(mesh, a, -1) + excess(mesh, b, -1) + excess(mesh, c, 1) + excess(mesh, d, 1)
+                - [a, b, c, d].map(|v| excess(mesh, v, 0)).iter().sum::<i64>();
+        if change >= 0 || !is_flat(mesh, edge, first, second) {
+            continue;
+        }
+        mesh.neighbours(c, &mut list);
+        if list.binary_search(&d).is_err() {
+            mesh.flip(edge, first, second);
+        }
+    }
+}
+
+/// Squared difference between a vertex's neighbours, with `more` of them, and what it should have.
+/// (Squares rather than sizes: of two flips the one at the worse vertex is preferred.)
+fn excess(mesh: &Dynamic, vertex: u32, more: i64) -> i64 {
+    let vertex = vertex as usize;
+    let border = i64::from(mesh.border[vertex]);
+    let neighbours = i64::try_from(mesh.around[vertex].len()).unwrap_or(i64::MAX / 4) + border;
+    (neighbours + more - (6 - 2 * border)).pow(2)
+}
+
+/// Whether the two triangles after a flip look the same way as the two before.
+fn is_flat(mesh: &Dynamic, [a, b]: [u32; 2], first: Wing, second: Wing) -> bool {
+    let before = mesh.normal(first.triangle) + mesh.normal(second.triangle);
+    let [a, b, c, d] = [a, b, first.apex, second.apex].map(|v| mesh.at(v));
+    let after = [doubled_area(a, d, c), doubled_area(d, b, c)];
+    // A sliver's normal means nothing.
+    let least = 0.02 * before.length();
+    after.iter().all(|&n| n.length() > least && !turns_too_far(before, n))
+}
+
+/// Moves smooth vertices along the surface to the middle of their neighbours, and onto the old
+/// surface.
+pub fn relax(mesh: &mut Dynamic, old: &Closest) {
+    let moves = |vertex: usize| !mesh.around[vertex].is_empty() && mesh.features[vertex].is_empty();
+    let goals: Vec<Option<DVec3>> = (0..mesh.positions.len())
+        .into_par_iter()
+        .with_min_len(1024)
+        .map(|vertex| moves(vertex).then(|| old.point(relaxed(mesh, vertex))))
+        .collect();
+    for ((vertex, goal), number) in goals.into_iter().enumerate().zip(0_u32..) {
+        let Some(goal) = goal else { continue };
+        if !folds(mesh, number, u32::MAX, goal) {
+            mesh.positions[vertex] = goal;
+        }
+    }
+}
+
+/// The middle of the neighbours of an inner vertex, at the height of its own tangent plane.
+fn relaxed(mesh: &Dynamic, vertex: usize) -> DVec3 {
+    let here = mesh.positions[vertex];
+    let (mut sum, mut normal) = (DVec3::ZERO, DVec3::ZERO);
+    let around = &mesh.around[vertex];
+    for &t in around {
+        // Each neighbour stands in two triangles.
+        let corners = mesh.triangles[t as usize].map(|v| mesh.at(v));
+        sum += corners[0] + corners[1] + corners[2] - here;
+        normal += mesh.normal(t);
+    }
+    let step = sum / (2.0 * around.len() as f64) - here;
+    let normal = normal.normalize_or_zero();
+    here + step - normal * normal.dot(step)
+}

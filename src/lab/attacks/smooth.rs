@@ -1,0 +1,74 @@
+//! Laplacian smoothing.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::edges::Edges;
+use super::{AttackError, index, surface_of, with_carriers_at};
+use crate::mesh::Mesh;
+use crate::mesh::adjacency::Adjacency;
+use crate::mesh::surface::Surface;
+
+/// Moves every point `lambda` of the way to the mean of its neighbours, all at once, `iterations`
+/// times (Taubin, *Geometric signal processing on polygonal meshes*, Eurographics 2000, with equal
+/// weights; Luo and Bors 2009, fig. 6: lambda 0.5; Wang et al. 2010: lambda 0.1).
+///
+/// Each triangle counts its corners as neighbours, so that inside a closed surface all weights are
+/// equal. A point on a border is drawn to the mean of itself and its neighbours along the border
+/// only, as in `MeshLab`, so that holes do not grow.
+///
+/// # Errors
+/// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when a `lambda` above 1 makes it diverge.
+pub fn laplacian(mesh: &Mesh, lambda: f64, iterations: usize) -> Result<Mesh, AttackError> {
+    let surface = surface_of(mesh)?;
+    let rings = Rings::new(&surface);
+    let mut now = surface.positions.clone();
+    let mut next = now.clone();
+    for _ in 0..iterations {
+        next.par_iter_mut().with_min_len(4096).enumerate().for_each(|(vertex, next)| {
+            let old = now[vertex];
+            let ring = rings.of(vertex);
+            let sum = ring.iter().fold(DVec3::ZERO, |sum, &v| sum + now[v as usize]);
+            *next = old + lambda * (sum / ring.len() as f64 - old);
+        });
+        std::mem::swap(&mut now, &mut next);
+    }
+    with_carriers_at(mesh, &surface, &now)
+}
+
+/// Per vertex, whom it is averaged with (some twice), as compressed rows.
+struct Rings {
+    starts: Vec<usize>,
+    members: Vec<u32>,
+}
+
+impl Rings {
+    fn new(surface: &Surface) -> Self {
+        let vertices = surface.positions.len();
+        let mut along_border = vec![Vec::new(); vertices];
+        let edges = Edges::new(&surface.triangles);
+        for [a, b] in edges.borders() {
+            along_border[a as usize].push(b);
+            along_border[b as usize].push(a);
+        }
+        let around = Adjacency::new(vertices, &surface.triangles);
+        let mut rings = Self { starts: vec![0], members: Vec::new() };
+        for (vertex, border) in along_border.iter().enumerate() {
+            let this = index(vertex);
+            if border.is_empty() {
+                let triangles = around.around(vertex).iter();
+                let corners = triangles.flat_map(|&t| surface.triangles[t as usize]);
+                rings.members.extend(corners.filter(|&corner| corner != this));
+            } else {
+                rings.members.push(this);
+                rings.members.extend(border);
+            }
+            rings.starts.push(rings.members.len());
+        }
+        rings
+    }
+
+    fn of(&self, vertex: usize) -> &[u32] {
+        &self.members[self.starts[vertex]..self.starts[vertex + 1]]
+    }
+}

@@ -1,0 +1,48 @@
+//! Stray vertices and spikes: little to see, but the radial range of a reader hangs on extremes.
+
+use glam::DVec3;
+
+use super::{AttackError, surface_of, with_carriers_at};
+use crate::lab::random::Random;
+use crate::mesh::Mesh;
+use crate::mesh::surface::Surface;
+
+/// Adds `count` vertices that no triangle uses, up to one diagonal outside the bounding box. (The
+/// Stanford bunny comes with 1,113 unused vertices; a reader who lets them set the range is lost.)
+///
+/// # Errors
+/// None in truth: the mesh stays one.
+pub fn stray_vertices(mesh: &Mesh, count: usize, seed: u64) -> Result<Mesh, AttackError> {
+    let surface = Surface::new(mesh);
+    let (centre, reach) = (surface.centre(), 1.5 * surface.diagonal());
+    let mut random = Random::new(seed);
+    let mut positions = mesh.positions().to_vec();
+    positions.extend((0..count).map(|_| {
+        let away = reach * (0.2 + 0.8 * random.share());
+        centre + away * random.direction()
+    }));
+    Ok(Mesh::new(positions, mesh.triangles().to_vec())?)
+}
+
+/// Pulls `count` random points away from the centre by `height` of their distance. With the
+/// farthest point pulled out by 0.01 the blind reader of a Stanford bunny read 59 % of the bits
+/// wrong (method.md, section 7): the first spike is therefore always that point.
+///
+/// # Errors
+/// [`AttackError::NoSurface`].
+pub fn spikes(mesh: &Mesh, count: usize, height: f64, seed: u64) -> Result<Mesh, AttackError> {
+    let surface = surface_of(mesh)?;
+    let centre = surface.centre();
+    let mut random = Random::new(seed);
+    let mut positions = surface.positions.clone();
+    let norm = |v: &DVec3| v.distance_squared(centre);
+    let farthest = (0..positions.len())
+        .max_by(|&a, &b| norm(&positions[a]).total_cmp(&norm(&positions[b])))
+        .unwrap_or(0);
+    for spike in 0..count {
+        let vertex = if spike == 0 { farthest } else { random.below(positions.len()) };
+        let base = surface.positions[vertex];
+        positions[vertex] = base + height * (base - centre);
+    }
+    with_carriers_at(mesh, &surface, &positions)
+}

@@ -1,0 +1,120 @@
+//! Subdivision schemes, one step each: more triangles over the same or a smoother surface.
+//!
+//! D. Zorin and P. Schröder, *Subdivision for modeling and animation*, SIGGRAPH course notes 2000
+//! (the paper's [23]), describe all but the last.
+
+mod butterfly;
+mod sqrt3;
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+use super::edges::{Edges, opposite};
+use super::{AttackError, index, surface_of};
+use crate::mesh::Mesh;
+use crate::mesh::surface::Surface;
+
+pub use butterfly::butterfly;
+pub use sqrt3::sqrt3;
+
+/// Each triangle in four, new vertices in the middles of the edges. The surface stays as it is.
+///
+/// # Errors
+/// [`AttackError::NoSurface`], or [`AttackError::Mesh`] when the result is too large.
+pub fn midpoint(mesh: &Mesh) -> Result<Mesh, AttackError> {
+    let surface = surface_of(mesh)?;
+    let edges = Edges::new(&surface.triangles);
+    let old = surface.positions.clone();
+    let new = edges.ends.iter().map(|ends| middle(&surface, *ends)).collect();
+    in_four(&surface, &edges, old, new)
+}
+
+/// Loop's scheme (C. Loop, *Smooth subdivision surfaces based on triangles*, 1987): as
+/// [`midpoint`], then new vertices at 3/8 of the ends and 1/8 of the corners beside, old ones drawn
+/// to their neighbours by Loop's beta; borders by the cubic spline.
+///
+/// # Errors
+/// As [`midpoint`].
+pub fn loop_scheme(mesh: &Mesh) -> Result<Mesh, AttackError> {
+    let surface = surface_of(mesh)?;
+    let edges = Edges::new(&surface.triangles);
+    let at = |v: u32| surface.positions[v as usize];
+    let new_vertex = |edge: usize| {
+        let ends = edges.ends[edge];
+        match edges.inner_sides(edge, &surface.triangles) {
+            Some(sides) => {
+                let [c, d] = sides.map(|side| at(opposite(&surface.triangles, side)));
+                0.75 * middle(&surface, ends) + 0.125 * (c + d)
+            }
+            None => middle(&surface, ends),
+        }
+    };
+    let new = (0..edges.ends.len()).map(new_vertex).collect();
+    let old = loop_vertices(&surface, &edges);
+    in_four(&surface, &edges, old, new)
+}
+
+/// What a vertex sees along its edges.
+#[derive(Clone, Copy, Default)]
+struct Ring {
+    sum: DVec3,
+    count: u32,
+}
+
+impl Ring {
+    fn add(&mut self, neighbour: DVec3) {
+        self.sum += neighbour;
+        self.count += 1;
+    }
+}
+
+/// Per vertex, its neighbours over edges of two triangles and over others (borders).
+fn rings(surface: &Surface, edges: &Edges) -> Vec<[Ring; 2]> {
+    let mut rings = vec![[Ring::default(); 2]; surface.positions.len()];
+    for (&[a, b], &count) in edges.ends.iter().zip(&edges.count) {
+        let kind = usize::from(count != 2);
+        let [p, q] = [a, b].map(|v| surface.positions[v as usize]);
+        rings[a as usize][kind].add(q);
+        rings[b as usize][kind].add(p);
+    }
+    rings
+}
+
+fn loop_vertices(surface: &Surface, edges: &Edges) -> Vec<DVec3> {
+    let place = |(&v, [inner, border]): (&DVec3, &[Ring; 2])| match border.count {
+        0 => {
+            let n = f64::from(inner.count);
+            let c = 0.375 + 0.25 * libm::cos(TAU / n);
+            let beta = (0.625 - c * c) / n;
+            (1.0 - n * beta) * v + beta * inner.sum
+        }
+        2 => 0.75 * v + 0.125 * border.sum,
+        // A corner of several borders, or of a sheet with more than two triangles at an edge.
+        _ => v,
+    };
+    surface.positions.iter().zip(&rings(surface, edges)).map(place).collect()
+}
+
+fn middle(surface: &Surface, ends: [u32; 2]) -> DVec3 {
+    let [a, b] = ends.map(|v| surface.positions[v as usize]);
+    a.midpoint(b)
+}
+
+/// Each triangle in four over `old` vertices and `new` ones, one per edge.
+fn in_four(
+    surface: &Surface,
+    edges: &Edges,
+    old: Vec<DVec3>,
+    new: Vec<DVec3>,
+) -> Result<Mesh, AttackError> {
+    let first = old.len();
+    let mut positions = old;
+    positions.extend(new);
+    let mut triangles = Vec::with_capacity(4 * surface.triangles.len());
+    for (t, &[a, b, c]) in surface.triangles.iter().enumerate() {
+        let [ab, bc, ca] = [0, 1, 2].map(|k| index(first + edges.of_side[3 * t + k]));
+        triangles.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+    }
+    Ok(Mesh::new(positions, triangles)?)
+}

@@ -1,0 +1,325 @@
+//! Each attack on small generated meshes: what it must keep and what it must change.
+
+use super::*;
+use crate::lab::attacks::crop::Of;
+use crate::lab::attacks::edges::Edges;
+use crate::lab::attacks::remesh::Remeshing;
+use crate::mesh::distortion::distortion;
+use crate::sample::Sample;
+use crate::watermark::{EmbedParams, extract};
+
+fn blob() -> Mesh {
+    Sample::Blob.mesh(3000).unwrap()
+}
+
+/// An octahedron without its upper half's last triangle: a border, irregular vertices.
+fn open_octahedron() -> Mesh {
+    let p = DVec3::new;
+    let positions = vec![
+        p(1.0, 0.0, 0.0),
+        p(0.0, 1.0, 0.0),
+        p(-1.0, 0.0, 0.0),
+        p(0.0, -1.0, 0.0),
+        p(0.0, 0.0, 1.0),
+        p(0.0, 0.0, -1.0),
+    ];
+    let triangles =
+        vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [1, 0, 5], [2, 1, 5], [3, 2, 5], [0, 3, 5]];
+    Mesh::new(positions, triangles).unwrap()
+}
+
+/// V - E + F, and edges that are not between two triangles.
+fn topology(mesh: &Mesh) -> (i64, usize) {
+    let edges = Edges::new(mesh.triangles());
+    let count = |n: usize| i64::try_from(n).unwrap();
+    let open = edges.count.iter().filter(|&&n| n != 2).count();
+    (count(mesh.positions().len()) - count(edges.ends.len()) + count(mesh.triangles().len()), open)
+}
+
+fn relative_mrms(a: &Mesh, b: &Mesh) -> f64 {
+    let d = distortion(&Surface::new(a), &Surface::new(b), 20_000).unwrap();
+    d.mrms / d.diagonal
+}
+
+const ALL: [Attack; 21] = [
+    Attack::None,
+    Attack::Noise(0.003),
+    Attack::UniformNoise(0.003),
+    Attack::Smooth { lambda: 0.5, iterations: 5 },
+    Attack::Quantise(9),
+    Attack::Simplify(0.5),
+    Attack::Remesh(0.6),
+    Attack::Midpoint,
+    Attack::Butterfly,
+    Attack::Loop,
+    Attack::Sqrt3,
+    Attack::Crop(0.3, Of::Vertices),
+    Attack::Crop(0.3, Of::Area),
+    Attack::Similarity,
+    Attack::Reorder,
+    Attack::StrayVertices(20),
+    Attack::Spikes { count: 3, height: 0.05 },
+    Attack::Collude(2),
+    Attack::ReMark,
+    Attack::RoundTrip,
+    Attack::Smooth { lambda: 0.1, iterations: 30 },
+];
+
+#[test]
+fn the_same_seed_gives_the_same_mesh_on_any_number_of_threads() {
+    let host = Sample::Blob.mesh(6000).unwrap();
+    let bits = crate::watermark::BitCount::new(16).unwrap();
+    let params = EmbedParams { bits, ..EmbedParams::default() };
+    let context = Context { host: &host, params: &params };
+    for attack in ALL {
+        let attacked = || attack.apply(&host, &context, 5).unwrap();
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let four = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
+        let (a, b) = (one.install(attacked), four.install(attacked));
+        assert!(a == b, "{attack}");
+        assert_eq!(a == host, attack == Attack::None, "{attack}");
+    }
+}
+
+#[test]
+fn noise_moves_every_vertex_by_what_was_asked() {
+    let host = blob();
+    let surface = Surface::new(&host);
+    let norms: Vec<f64> = surface.positions.iter().map(|p| p.distance(surface.centre())).collect();
+    let largest = norms.iter().copied().fold(0.0, f64::max);
+    let mean = norms.iter().sum::<f64>() / norms.len() as f64;
+
+    let noisy = noise::unit_vectors(&host, 0.01, 3).unwrap();
+    for (a, b) in host.positions().iter().zip(noisy.positions()) {
+        assert!((a.distance(*b) / (0.01 * largest) - 1.0).abs() < 1e-9);
+    }
+    let noisy = noise::uniform_coordinates(&host, 0.01, 3).unwrap();
+    let moves: Vec<f64> = host
+        .positions()
+        .iter()
+        .zip(noisy.positions())
+        .flat_map(|(a, b)| ((*b - *a) / (0.01 * mean)).to_array())
+        .collect();
+    assert!(moves.iter().all(|x| x.abs() <= 1.0 + 1e-9));
+    let variance = moves.iter().map(|x| x * x).sum::<f64>() / moves.len() as f64;
+    assert!((variance - 1.0 / 3.0).abs() < 0.02, "{variance}");
+}
+
+#[test]
+fn seams_do_not_crack() {
+    let whole = blob();
+    // Every triangle with corners of its own.
+    let corners = whole.triangles().iter().flatten();
+    let soup: Vec<DVec3> = corners.map(|&v| whole.positions()[v as usize]).collect();
+    let triangles = (0..index(soup.len() / 3)).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    let soup = Mesh::new(soup, triangles).unwrap();
+    let params = EmbedParams::default();
+    let context = Context { host: &soup, params: &params };
+    for attack in ALL {
+        if matches!(attack, Attack::Collude(_) | Attack::ReMark | Attack::Crop(..)) {
+            continue;
+        }
+        let attacked = attack.apply(&soup, &context, 9).unwrap();
+        let welded = Surface::new(&attacked);
+        let welded = Mesh::new(welded.positions, welded.triangles).unwrap();
+        assert_eq!(topology(&welded), (2, 0), "{attack}");
+    }
+}
+
+#[test]
+fn smoothing_draws_to_the_neighbours() {
+    // A flat fan whose centre is lifted; its rim is a border and keeps its own plane.
+    let rim = |k: u32| {
+        let angle = std::f64::consts::TAU * f64::from(k) / 6.0;
+        DVec3::new(angle.cos(), angle.sin(), 0.0)
+    };
+    let positions: Vec<DVec3> = std::iter::once(DVec3::Z).chain((0..6).map(rim)).collect();
+    let triangles = (0..6).map(|k| [0, 1 + k, 1 + (k + 1) % 6]).collect();
+    let fan = Mesh::new(positions, triangles).unwrap();
+    let smooth = smooth::laplacian(&fan, 0.25, 2).unwrap();
+    assert!((smooth.positions()[0].z - 0.75 * 0.75).abs() < 1e-12);
+    // (self + two neighbours at 60 degrees) / 3 is at 2/3 of the radius.
+    let radius = smooth.positions()[1].length();
+    assert!((radius - (1.0_f64 - 0.25 / 3.0).powi(2)).abs() < 1e-12, "{radius}");
+}
+
+#[test]
+fn quantised_coordinates_lie_on_a_grid_of_the_asked_size() {
+    let quantised = quantise::quantise(&blob(), 4).unwrap();
+    let mut levels: Vec<f64> = quantised.positions().iter().map(|p| p.y).collect();
+    levels.sort_unstable_by(f64::total_cmp);
+    levels.dedup();
+    assert!(levels.len() <= 16 && levels.len() > 10, "{}", levels.len());
+    let flat = Mesh::new(vec![DVec3::ONE; 3], vec![[0, 1, 2]]).unwrap();
+    assert_eq!(quantise::quantise(&flat, 8).unwrap(), flat);
+}
+
+#[test]
+fn simplification_reaches_its_share_and_stays_near() {
+    let host = Sample::Knot.mesh(6000).unwrap();
+    for (share, most) in [(0.1, 2e-4), (0.5, 1e-3), (0.9, 8e-3)] {
+        let less = simplify::simplify(&host, share).unwrap();
+        let kept = less.triangles().len() as f64 / host.triangles().len() as f64;
+        assert!((kept - (1.0 - share)).abs() < 1e-3, "{share}: {kept}");
+        assert_eq!(topology(&less), (0, 0));
+        let mrms = relative_mrms(&host, &less);
+        assert!(mrms < most, "{share}: {mrms:e}");
+    }
+}
+
+#[test]
+fn remeshing_gives_even_triangles_of_the_asked_number() {
+    for (sample, euler, most) in
+        [(Sample::Blob, 2, 2e-3), (Sample::Knot, 0, 3e-3), (Sample::Gear, 0, 4e-3)]
+    {
+        let host = sample.mesh(6000).unwrap();
+        for share in [1.0, 0.4] {
+            let new = remesh::remesh(&host, &Remeshing::to_share(share)).unwrap();
+            let got = new.positions().len() as f64 / host.positions().len() as f64;
+            assert!((got / share - 1.0).abs() < 0.05, "{sample} {share}: {got}");
+            assert_eq!(topology(&new), (euler, 0), "{sample} {share}");
+            let mrms = relative_mrms(&host, &new);
+            assert!(mrms < most, "{sample} {share}: {mrms:e}");
+            let lengths = edge_lengths(&new);
+            let mean = lengths.iter().sum::<f64>() / lengths.len() as f64;
+            let even = lengths.iter().filter(|&&l| (0.6 * mean..1.5 * mean).contains(&l)).count();
+            let even = even as f64 / lengths.len() as f64;
+            assert!(even > 0.9, "{sample} {share}: {even}");
+        }
+    }
+}
+
+fn edge_lengths(mesh: &Mesh) -> Vec<f64> {
+    let at = |v: u32| mesh.positions()[v as usize];
+    Edges::new(mesh.triangles()).ends.iter().map(|&[a, b]| at(a).distance(at(b))).collect()
+}
+
+#[test]
+fn remeshing_keeps_creases_and_borders() {
+    let host = open_octahedron();
+    let new = remesh::remesh(&host, &Remeshing::to_share(60.0)).unwrap();
+    // All edges of an octahedron are creases: its surface is reproduced.
+    assert!(relative_mrms(&host, &new) < 1e-9);
+    assert_eq!(topology(&new).0, 1);
+    assert!(new.positions().len() > 200, "{}", new.positions().len());
+}
+
+#[test]
+fn subdivision_multiplies_triangles_and_keeps_the_topology() {
+    type Scheme = fn(&Mesh) -> Result<Mesh, AttackError>;
+    let schemes: [(&str, Scheme, usize, f64); 4] = [
+        ("midpoint", subdivide::midpoint, 4, 1e-12),
+        ("butterfly", subdivide::butterfly, 4, 2e-3),
+        ("loop", subdivide::loop_scheme, 4, 3e-3),
+        ("sqrt3", subdivide::sqrt3, 3, 4e-3),
+    ];
+    for (name, scheme, times, most) in schemes {
+        let (host, open) = (blob(), open_octahedron());
+        let finer = scheme(&host).unwrap();
+        assert_eq!(finer.triangles().len(), times * host.triangles().len(), "{name}");
+        assert_eq!(topology(&finer), (2, 0), "{name}");
+        let mrms = relative_mrms(&host, &finer);
+        assert!(mrms < most, "{name}: {mrms:e}");
+        // The normals agree: as many edges as before run both ways.
+        let volume = |m: &Mesh| -> f64 {
+            let corner = |t: &[u32; 3]| t.map(|v| m.positions()[v as usize]);
+            m.triangles().iter().map(corner).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum()
+        };
+        assert!((volume(&finer) / volume(&host) - 1.0).abs() < 0.02, "{name}");
+        let finer = scheme(&open).unwrap();
+        assert_eq!(topology(&finer).0, 1, "{name}");
+    }
+}
+
+#[test]
+fn interpolating_schemes_keep_old_vertices_and_planes() {
+    let host = blob();
+    let finer = subdivide::butterfly(&host).unwrap();
+    assert_eq!(finer.positions()[..host.positions().len()], *host.positions());
+    // A regular plane stays one under every scheme: the inside of a grid.
+    let n = 8_u32;
+    let positions = (0..n * n).map(|i| DVec3::new(f64::from(i % n), f64::from(i / n), 0.0));
+    let triangles = (0..n - 1).flat_map(|y| {
+        (0..n - 1).flat_map(move |x| {
+            let v = y * n + x;
+            [[v, v + 1, v + n + 1], [v, v + n + 1, v + n]]
+        })
+    });
+    let plane = Mesh::new(positions.collect(), triangles.collect()).unwrap();
+    for scheme in [subdivide::butterfly, subdivide::loop_scheme, subdivide::sqrt3] {
+        let finer = scheme(&plane).unwrap();
+        let middle = DVec3::new(3.5, 3.5, 0.0);
+        let spacing = if finer.positions().len() > 200 { 0.5 } else { 1.0 / 3.0 };
+        for p in finer.positions().iter().filter(|p| p.distance(middle) < 2.0) {
+            let off = ((*p / spacing).round() * spacing).distance(*p);
+            assert!(off < 1e-12, "{p}");
+        }
+    }
+}
+
+#[test]
+fn cropping_takes_the_share_away_on_one_side() {
+    let host = Sample::Knot.mesh(5000).unwrap();
+    for share in [0.1, 0.5, 0.9] {
+        let cut = crop::crop(&host, share, Of::Vertices, 11).unwrap();
+        let kept = cut.positions().len() as f64 / host.positions().len() as f64;
+        assert!((kept - (1.0 - share)).abs() < 0.03, "{share}: {kept}");
+        let area = |m: &Mesh| -> f64 {
+            let corners = m.triangles().iter().map(|t| t.map(|v| m.positions()[v as usize]));
+            corners.map(|[a, b, c]| (b - a).cross(c - a).length()).sum()
+        };
+        let cut = crop::crop(&host, share, Of::Area, 11).unwrap();
+        let kept = area(&cut) / area(&host);
+        assert!((kept - (1.0 - share)).abs() < 1e-3, "{share}: {kept}");
+    }
+    assert!(crop::crop(&host, 1.0, Of::Vertices, 1).is_err());
+}
+
+#[test]
+fn what_changes_no_distance_ratio_changes_no_bit() {
+    let host = Sample::Blob.mesh(8000).unwrap();
+    let params = EmbedParams::default();
+    let (key, message) =
+        re_mark::key_and_message(&params, &mut crate::lab::random::Random::new(1)).unwrap();
+    let codeword = crate::watermark::Codeword::new(&key, &message);
+    let marked = re_mark::mark(&host, &codeword, &params).unwrap();
+    let marked = Mesh::new(marked.positions, host.triangles().to_vec()).unwrap();
+    let context = Context { host: &host, params: &params };
+    let harmless =
+        [Attack::Similarity, Attack::Reorder, Attack::StrayVertices(50), Attack::RoundTrip];
+    for attack in harmless {
+        let attacked = attack.apply(&marked, &context, 2).unwrap();
+        let found = extract(&attacked, &key, params.bits, params.method.modulation()).unwrap();
+        let wrong = found.bits.iter().zip(message.bits());
+        let wrong = wrong.filter(|(read, meant)| read.is_some_and(|bit| bit != **meant)).count();
+        assert_eq!(wrong, 0, "{attack}");
+    }
+    // The farthest point pulled out spoils the blind reader's range.
+    let spiked = Attack::Spikes { count: 1, height: 0.05 }.apply(&marked, &context, 2).unwrap();
+    let found = extract(&spiked, &key, params.bits, params.method.modulation()).unwrap();
+    let right = found.bits.iter().zip(message.bits()).filter(|(r, m)| **r == Some(**m)).count();
+    assert!(right < 56, "{right}");
+}
+
+#[test]
+fn copies_average_to_their_middle_and_strangers_do_not() {
+    let host = blob();
+    let noisy = noise::unit_vectors(&host, 0.01, 1).unwrap();
+    let mean = collude::average(&[&host, &noisy, &noisy, &host]).unwrap();
+    for ((a, b), m) in host.positions().iter().zip(noisy.positions()).zip(mean.positions()) {
+        assert!(a.midpoint(*b).distance(*m) < 1e-12);
+    }
+    let other = Sample::Gear.mesh(3000).unwrap();
+    assert_eq!(collude::average(&[&host, &other]), Err(AttackError::CopiesDiffer));
+    assert_eq!(collude::average(&[]), Err(AttackError::CopiesDiffer));
+}
+
+#[test]
+fn names_tell_attacks_apart() {
+    let mut names: Vec<String> = ALL.iter().map(Attack::to_string).collect();
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!(names.len(), ALL.len());
+    assert_eq!(Attack::Noise(0.003).amount(), Some(0.3));
+    assert_eq!(Attack::Noise(0.0005).to_string(), "noise 0.05 %");
+}
