@@ -10,6 +10,7 @@ mod files;
 mod health;
 mod inspect;
 mod keys;
+mod lab;
 mod sample;
 mod serve;
 mod verify;
@@ -61,6 +62,8 @@ enum Command {
     Inspect(inspect::Arguments),
     /// Measure how far two surfaces are apart (MRMS and Hausdorff distance, as Metro does).
     Compare(compare::Arguments),
+    /// Mark, attack and read meshes: what a mark costs and what it survives, as tables and a report.
+    Lab(Box<lab::Arguments>),
     /// Compare a file with the marks of a data directory; a service may be running on it.
     Verify(Box<verify::Arguments>),
     /// List or rotate master keys, by their ids.
@@ -80,6 +83,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Extract(arguments) => extract::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Lab(arguments) => lab::run(&arguments),
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),

@@ -1,0 +1,163 @@
+//! `quadmark lab`.
+
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use quadmark::lab::grid::{Choices, Grid};
+use quadmark::lab::row::to_csv;
+use quadmark::lab::run::{Plan, Progress, Subject, Watch};
+use quadmark::lab::summary::groups;
+use quadmark::watermark::{BitCount, Method, Strength};
+use serde_json::json;
+
+use super::{Failure, Outcome, files, limits};
+
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// The host files (OBJ, GLB or glTF).
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Folder for results.csv, summary.json and report.html; made when it is not there.
+    #[arg(long)]
+    out: PathBuf,
+    /// Which marks and attacks: quick, paper (the tables and figures of Luo and Bors 2009) or liris
+    /// (the LIRIS benchmark).
+    #[arg(long, default_value_t)]
+    grid: Grid,
+    /// Methods, separated by commas, instead of the grid's.
+    #[arg(long, value_delimiter = ',', value_parser = super::parse_method)]
+    methods: Vec<Method>,
+    /// Strengths, separated by commas, instead of the grid's.
+    #[arg(long, value_delimiter = ',', value_parser = super::parse_strength)]
+    strengths: Vec<Strength>,
+    /// Numbers of bits, separated by commas, instead of the grid's.
+    #[arg(long, value_delimiter = ',', value_parser = super::parse_bits)]
+    bits: Vec<BitCount>,
+    /// Marks per mesh and setting, each with a random key and message; the grid's own number (paper
+    /// 50, liris 5, quick 10) when not given.
+    #[arg(long)]
+    trials: Option<usize>,
+    /// Seed of keys, messages and attacks: the same seed gives the same rows.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// The bound below which a trial counts as a match, as a decimal logarithm.
+    #[arg(long, default_value_t = -9.0, allow_negative_numbers = true)]
+    threshold_log10: f64,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Outcome {
+    let subjects: Vec<Subject> =
+        arguments.files.iter().map(|path| subject(path)).collect::<Result<_, _>>()?;
+    std::fs::create_dir_all(&arguments.out)?;
+    let choices = Choices {
+        methods: arguments.methods.clone(),
+        strengths: arguments.strengths.clone(),
+        bits: arguments.bits.clone(),
+    };
+    let experiments = arguments.grid.experiments(&choices);
+    let plan = Plan {
+        subjects: &subjects,
+        experiments: &experiments,
+        trials: arguments.trials.unwrap_or_else(|| arguments.grid.trials()),
+        seed: arguments.seed,
+    };
+    let stopped = stop_on_ctrl_c()?;
+    let meter = Meter::new();
+    let watch = Watch {
+        stop: &|| stopped.load(Ordering::Relaxed),
+        progress: &|progress| meter.show(progress),
+    };
+    let rows = plan.run(watch);
+    meter.end();
+
+    let summary = json!({
+        "quadmark": env!("CARGO_PKG_VERSION"),
+        "grid": arguments.grid.name(),
+        "trials": plan.trials,
+        "seed": arguments.seed,
+        "threshold_log10": arguments.threshold_log10,
+        "complete": !stopped.load(Ordering::Relaxed),
+        "groups": groups(&rows, arguments.threshold_log10),
+    });
+    let out = |name: &str| arguments.out.join(name);
+    files::write(&out("results.csv"), &to_csv(&rows)?)?;
+    files::write(&out("summary.json"), &serde_json::to_vec_pretty(&summary)?)?;
+    eprintln!("{} rows in {}", rows.len(), arguments.out.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn subject(path: &Path) -> Result<Subject, Failure> {
+    let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    Subject::read(name, files::read(path)?, &limits())
+        .map_err(|error| Failure(format!("{}: {error}", path.display())))
+}
+
+/// A flag that Ctrl-C sets. A second Ctrl-C ends the process.
+fn stop_on_ctrl_c() -> Result<&'static AtomicBool, Failure> {
+    static STOPPED: AtomicBool = AtomicBool::new(false);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    std::thread::spawn(move || {
+        runtime.block_on(async {
+            while tokio::signal::ctrl_c().await.is_ok() {
+                if STOPPED.swap(true, Ordering::Relaxed) {
+                    std::process::exit(130);
+                }
+                eprintln!("\nending; what is done is kept (Ctrl-C again: not even that)");
+            }
+        });
+    });
+    Ok(&STOPPED)
+}
+
+/// Progress on standard error: rewritten in place on a terminal, else a line now and then.
+struct Meter {
+    started: Instant,
+    shown: Mutex<Instant>,
+    terminal: bool,
+}
+
+impl Meter {
+    fn new() -> Self {
+        let now = Instant::now();
+        Self { started: now, shown: Mutex::new(now), terminal: std::io::stderr().is_terminal() }
+    }
+
+    fn show(&self, progress: Progress) {
+        let Progress { done, trials, share } = progress;
+        let pause = Duration::from_millis(if self.terminal { 200 } else { 10_000 });
+        let Ok(mut shown) = self.shown.lock() else { return };
+        if shown.elapsed() < pause && done < trials {
+            return;
+        }
+        *shown = Instant::now();
+        let left = self.started.elapsed().mul_f64((1.0 - share).max(0.0) / share.max(1e-9));
+        let line = format!("{done} of {trials} trials, about {} left", duration(left));
+        let mut stderr = std::io::stderr().lock();
+        // Whether anyone reads it or not.
+        let _ = if self.terminal {
+            write!(stderr, "\r{line:60}").and_then(|()| stderr.flush())
+        } else {
+            writeln!(stderr, "{line}")
+        };
+    }
+
+    fn end(&self) {
+        if self.terminal {
+            eprintln!();
+        }
+        eprintln!("took {}", duration(self.started.elapsed()));
+    }
+}
+
+fn duration(time: Duration) -> String {
+    let seconds = time.as_secs();
+    match seconds {
+        0..60 => format!("{seconds} s"),
+        60..3600 => format!("{} min {} s", seconds / 60, seconds % 60),
+        _ => format!("{} h {} min", seconds / 3600, seconds % 3600 / 60),
+    }
+}

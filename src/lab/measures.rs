@@ -1,0 +1,70 @@
+//! What is measured: how well a mark is still read, and how far an attack went.
+
+use crate::mesh::Mesh;
+use crate::mesh::distortion::distortion;
+use crate::mesh::surface::Surface;
+use crate::watermark::{Codeword, Frame, Modulation, Suspect, WatermarkError};
+
+/// Samples on edges, and in triangles, for the distance of an attacked mesh. Fewer than for marks:
+/// damage of whole percents needs no third digit.
+const SAMPLES: usize = 100_000;
+
+/// How well a suspect agrees with the mark that it should carry.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Detection {
+    /// Bins that read their bit.
+    pub right: usize,
+    /// Bins that read the other.
+    pub wrong: usize,
+    /// Bins with too few vertices to read anything.
+    pub erased: usize,
+    /// Decimal logarithm of the bound on the false-positive probability, for one record.
+    pub log10_bound: f64,
+    /// The same in the host's own frame, which the registry knows; it helps as long as the suspect
+    /// was not moved.
+    pub log10_bound_in_place: f64,
+}
+
+/// Reads `suspect` in its own frame and in that of the host.
+///
+/// # Errors
+/// [`WatermarkError::NoRadialExtent`].
+pub fn detect(
+    suspect: &Mesh,
+    codeword: &Codeword,
+    modulation: Modulation,
+    host_frame: &Frame,
+) -> Result<Detection, WatermarkError> {
+    let bits = codeword.bit_count();
+    let read = |suspect: &Suspect| {
+        let soft = suspect.read(codeword.lattice_class(), bits, modulation);
+        let score = soft.score(codeword);
+        (score, soft.log10_bound(score.t))
+    };
+    let blind = Suspect::new(suspect)?;
+    let (score, log10_bound) = read(&blind);
+    let (_, log10_bound_in_place) = read(&blind.in_frame(host_frame));
+    Ok(Detection {
+        right: score.bits_agreeing,
+        wrong: score.bits_read - score.bits_agreeing,
+        erased: bits.get() - score.bits_read,
+        log10_bound,
+        log10_bound_in_place,
+    })
+}
+
+/// How far an attacked mesh is from the host.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Damage {
+    /// Larger of the two root mean square distances, a share of the host's diagonal.
+    pub mrms: f64,
+    /// Larger of the two maxima, likewise.
+    pub hausdorff: f64,
+}
+
+/// Measures as Metro does. `None` when there is no surface left.
+#[must_use]
+pub fn damage(host: &Surface, attacked: &Mesh) -> Option<Damage> {
+    let d = distortion(host, &Surface::new(attacked), SAMPLES)?;
+    Some(Damage { mrms: d.mrms / d.diagonal, hausdorff: d.hausdorff / d.diagonal })
+}

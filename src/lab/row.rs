@@ -1,0 +1,78 @@
+//! One row of `results.csv`: one attack on one marked copy.
+
+use serde::Serialize;
+
+/// A row; the same seed gives the same, so that no time of day or duration is in it. Distances are shares of the host's bounding-box diagonal; what was not measured is empty.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// What it is for, see [`Experiment`](super::grid::Experiment).
+    pub experiment: &'static str,
+    /// The host's name.
+    pub mesh: String,
+    /// Vertices of the host.
+    pub vertices: usize,
+    /// Triangles of the host.
+    pub triangles: usize,
+    /// Bounding-box diagonal of the host, in its unit.
+    pub diagonal: f64,
+    /// The method asked for.
+    pub method: &'static str,
+    /// The strength asked for; with a budget, the most allowed.
+    pub strength: f64,
+    /// Bits of the mark.
+    pub bits: usize,
+    /// Whether the closed loop was used.
+    pub closed_loop: bool,
+    /// Largest allowed MRMS of the mark.
+    pub budget: Option<f64>,
+    /// Number of the trial.
+    pub trial: usize,
+    /// The method that chose the positions.
+    pub method_used: Option<&'static str>,
+    /// The strength that was used.
+    pub strength_used: Option<f64>,
+    /// MRMS of the mark.
+    pub mark_mrms: Option<f64>,
+    /// Hausdorff distance of the mark.
+    pub mark_hausdorff: Option<f64>,
+    /// Mean angle that the mark turned normals by, in degrees.
+    pub mark_normal_deviation: Option<f64>,
+    /// Triangles that the mark turned by more than 90 degrees.
+    pub mark_flipped: Option<usize>,
+    /// The attack.
+    pub attack: String,
+    /// Its family.
+    pub family: &'static str,
+    /// Its amount: percent or a count.
+    pub amount: Option<f64>,
+    /// Bits read right, blindly.
+    pub bits_right: Option<usize>,
+    /// Bits read wrong.
+    pub bits_wrong: Option<usize>,
+    /// Bits not read.
+    pub bits_erased: Option<usize>,
+    /// Bits right over bits embedded.
+    pub detection_ratio: Option<f64>,
+    /// Decimal logarithm of the false-positive bound, blind, one record.
+    pub log10_bound: Option<f64>,
+    /// The same in the host's frame.
+    pub log10_bound_in_place: Option<f64>,
+    /// MRMS of the attacked mesh from the host; measured in the first trial.
+    pub attacked_mrms: Option<f64>,
+    /// Hausdorff distance of the attacked mesh from the host; measured in the first trial.
+    pub attacked_hausdorff: Option<f64>,
+    /// Why there is nothing to tell.
+    pub error: Option<String>,
+}
+
+/// All rows as CSV with a header line.
+///
+/// # Errors
+/// None in truth: writing to memory does not fail.
+pub fn to_csv(rows: &[Row]) -> Result<Vec<u8>, csv::Error> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row)?;
+    }
+    writer.into_inner().map_err(|error| csv::Error::from(error.into_error()))
+}

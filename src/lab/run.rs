@@ -1,0 +1,128 @@
+//! All trials of a grid, on all cores.
+
+use std::sync::Mutex;
+
+use rayon::prelude::*;
+
+use super::grid::Experiment;
+use super::row::Row;
+use super::trial::Trial;
+use crate::formats::{Asset, FormatError, Limits};
+use crate::mesh::surface::Surface;
+
+/// A host file.
+pub struct Subject {
+    /// What rows call it.
+    pub name: String,
+    /// The file.
+    pub bytes: Vec<u8>,
+    /// The same, parsed.
+    pub asset: Asset,
+    /// Its welded surface.
+    pub surface: Surface,
+}
+
+impl Subject {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`FormatError`].
+    pub fn read(name: String, bytes: Vec<u8>, limits: &Limits) -> Result<Self, FormatError> {
+        let asset = Asset::read(&bytes, limits)?;
+        let surface = Surface::new(asset.mesh());
+        Ok(Self { name, bytes, asset, surface })
+    }
+}
+
+/// What is run.
+#[derive(Clone, Copy)]
+pub struct Plan<'a> {
+    /// The hosts.
+    pub subjects: &'a [Subject],
+    /// Marks and attacks.
+    pub experiments: &'a [Experiment],
+    /// Trials per host and mark.
+    pub trials: usize,
+    /// Seed of keys, messages and attacks.
+    pub seed: u64,
+}
+
+/// How far a run is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Trials done.
+    pub done: usize,
+    /// Trials in all.
+    pub trials: usize,
+    /// Share of the work that is done, between 0 and 1, by vertices and attacks.
+    pub share: f64,
+}
+
+/// How a run is watched and ended.
+#[derive(Clone, Copy)]
+pub struct Watch<'a> {
+    /// Asked between attacks; `true` ends the run with the trials that are done.
+    pub stop: &'a (dyn Fn() -> bool + Sync),
+    /// Told after each trial.
+    pub progress: &'a (dyn Fn(Progress) + Sync),
+}
+
+/// What making a mark costs, in attacks; roughly, for the estimate of the time left.
+const COST_OF_MARK: f64 = 4.0;
+
+impl Plan<'_> {
+    /// All trials. The first trial of everything comes first, then the second: a run that is ended
+    /// early has some of each.
+    #[must_use]
+    pub fn all(&self) -> Vec<Trial<'_>> {
+        let mut all = Vec::new();
+        for trial in 0..self.trials {
+            for experiment in self.experiments {
+                for (number, subject) in self.subjects.iter().enumerate() {
+                    if experiment.first_mesh_only && number > 0 {
+                        break;
+                    }
+                    let attacks = experiment.attacks.as_slice();
+                    all.extend(experiment.settings.iter().map(|&setting| Trial {
+                        experiment: experiment.name,
+                        subject,
+                        number,
+                        setting,
+                        attacks,
+                        trial,
+                        seed: self.seed,
+                    }));
+                }
+            }
+        }
+        all
+    }
+
+    /// Runs all trials and gives the rows of those that were done, in the order of
+    /// [`Plan::all`] whatever the number of threads.
+    #[must_use]
+    pub fn run(&self, watch: Watch<'_>) -> Vec<Row> {
+        let all = self.all();
+        let cost = |trial: &Trial<'_>| {
+            let vertices = trial.subject.asset.mesh().positions().len() as f64;
+            vertices * (COST_OF_MARK + trial.attacks.len() as f64)
+        };
+        let total: f64 = all.iter().map(cost).sum();
+        let passed = Mutex::new((0, 0.0));
+        let rows: Vec<Option<Vec<Row>>> = all
+            .par_iter()
+            .with_max_len(1)
+            .map(|trial| {
+                let rows = if (watch.stop)() { None } else { trial.run(watch.stop) }?;
+                if let Ok(mut passed) = passed.lock() {
+                    passed.0 += 1;
+                    passed.1 += cost(trial);
+                    let (done, share) = (passed.0, passed.1 / total);
+                    (watch.progress)(Progress { done, trials: all.len(), share });
+                }
+                Some(rows)
+            })
+            .collect();
+        rows.into_iter().flatten().flatten().collect()
+    }
+}

@@ -1,0 +1,157 @@
+//! Rows taken together over trials.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::row::Row;
+
+/// All trials of one attack on one kind of mark of one mesh. Means are over trials that were made.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Group {
+    /// What it is for.
+    pub experiment: &'static str,
+    /// The host's name.
+    pub mesh: String,
+    /// The method asked for.
+    pub method: &'static str,
+    /// The strength asked for.
+    pub strength: f64,
+    /// Bits of the mark.
+    pub bits: usize,
+    /// Whether the closed loop was used.
+    pub closed_loop: bool,
+    /// Largest allowed MRMS of the mark.
+    pub budget: Option<f64>,
+    /// The attack.
+    pub attack: String,
+    /// Its family.
+    pub family: &'static str,
+    /// Its amount.
+    pub amount: Option<f64>,
+    /// Trials with a result.
+    pub trials: usize,
+    /// Trials without: the mark was refused, or nothing was left.
+    pub failed: usize,
+    /// Why the first of these failed.
+    pub error: Option<String>,
+    /// Mean share of bits read right, blindly.
+    pub detection_ratio: f64,
+    /// Standard deviation of that share over trials.
+    pub detection_ratio_deviation: f64,
+    /// Mean share of bits read wrong, of those read.
+    pub bit_error_rate: f64,
+    /// Mean decimal logarithm of the blind bound.
+    pub log10_bound: f64,
+    /// The worst of it.
+    pub log10_bound_worst: f64,
+    /// Share of trials whose blind bound is below the threshold.
+    pub matches: f64,
+    /// Mean decimal logarithm of the bound in the host's frame.
+    pub log10_bound_in_place: f64,
+    /// Share of trials that match blind or in the host's frame, two hypotheses counted.
+    pub matches_in_place: f64,
+    /// Bounding-box diagonal of the host.
+    pub diagonal: f64,
+    /// Mean strength used.
+    pub strength_used: f64,
+    /// Trials whose positions another method chose than was asked for.
+    pub fell_back: usize,
+    /// Mean MRMS of the mark, a share of the diagonal.
+    pub mark_mrms: f64,
+    /// Mean Hausdorff distance of the mark.
+    pub mark_hausdorff: f64,
+    /// Mean turn of normals by the mark, in degrees.
+    pub mark_normal_deviation: f64,
+    /// Mean share of triangles that the mark flipped.
+    pub mark_flipped: f64,
+    /// MRMS of the attacked mesh of the first trial.
+    pub attacked_mrms: Option<f64>,
+    /// Hausdorff distance of the attacked mesh of the first trial.
+    pub attacked_hausdorff: Option<f64>,
+}
+
+/// Groups rows by all but the trial, in the order of first appearance.
+#[must_use]
+pub fn groups(rows: &[Row], threshold: f64) -> Vec<Group> {
+    let mut places: BTreeMap<String, usize> = BTreeMap::new();
+    let mut together: Vec<Vec<&Row>> = Vec::new();
+    for row in rows {
+        let budget = row.budget.unwrap_or_default();
+        let key = format!(
+            "{}|{}|{}|{}|{}|{}|{budget}|{}",
+            row.experiment,
+            row.mesh,
+            row.method,
+            row.strength,
+            row.bits,
+            row.closed_loop,
+            row.attack
+        );
+        let place = *places.entry(key).or_insert(together.len());
+        if place == together.len() {
+            together.push(Vec::new());
+        }
+        if let Some(group) = together.get_mut(place) {
+            group.push(row);
+        }
+    }
+    together.iter().filter_map(|rows| group(rows, threshold)).collect()
+}
+
+fn group(rows: &[&Row], threshold: f64) -> Option<Group> {
+    let first = *rows.first()?;
+    let made: Vec<&Row> = rows.iter().copied().filter(|row| row.error.is_none()).collect();
+    let mean = |value: &dyn Fn(&Row) -> Option<f64>| {
+        let values: Vec<f64> = made.iter().filter_map(|row| value(row)).collect();
+        values.iter().sum::<f64>() / values.len().max(1) as f64
+    };
+    let share = |holds: &dyn Fn(&Row) -> bool| mean(&|row| Some(f64::from(u8::from(holds(row)))));
+    let detection_ratio = mean(&|row| row.detection_ratio);
+    let variance = mean(&|row| row.detection_ratio.map(|r| (r - detection_ratio).powi(2)));
+    let read_wrong = |row: &Row| {
+        let (right, wrong) = (row.bits_right? as f64, row.bits_wrong? as f64);
+        (right + wrong > 0.0).then(|| wrong / (right + wrong))
+    };
+    let below = |bound: Option<f64>, threshold: f64| bound.is_some_and(|bound| bound < threshold);
+    // Blind and in place: each bound is multiplied by two.
+    let stricter = threshold - std::f64::consts::LOG10_2;
+    Some(Group {
+        experiment: first.experiment,
+        mesh: first.mesh.clone(),
+        method: first.method,
+        strength: first.strength,
+        bits: first.bits,
+        closed_loop: first.closed_loop,
+        budget: first.budget,
+        attack: first.attack.clone(),
+        family: first.family,
+        amount: first.amount,
+        trials: made.len(),
+        failed: rows.len() - made.len(),
+        error: rows.iter().find_map(|row| row.error.clone()),
+        detection_ratio,
+        detection_ratio_deviation: variance.sqrt(),
+        bit_error_rate: mean(&read_wrong),
+        log10_bound: mean(&|row| row.log10_bound),
+        log10_bound_worst: made
+            .iter()
+            .filter_map(|row| row.log10_bound)
+            .fold(f64::NEG_INFINITY, f64::max)
+            .min(0.0),
+        matches: share(&|row| below(row.log10_bound, threshold)),
+        log10_bound_in_place: mean(&|row| row.log10_bound_in_place),
+        matches_in_place: share(&|row| {
+            below(row.log10_bound, stricter) || below(row.log10_bound_in_place, stricter)
+        }),
+        diagonal: first.diagonal,
+        strength_used: mean(&|row| row.strength_used),
+        fell_back: made.iter().filter(|row| row.method_used != Some(row.method)).count(),
+        mark_mrms: mean(&|row| row.mark_mrms),
+        mark_hausdorff: mean(&|row| row.mark_hausdorff),
+        mark_normal_deviation: mean(&|row| row.mark_normal_deviation),
+        mark_flipped: mean(&|row| row.mark_flipped.map(|n| n as f64 / row.triangles as f64)),
+        attacked_mrms: rows.iter().find_map(|row| row.attacked_mrms),
+        attacked_hausdorff: rows.iter().find_map(|row| row.attacked_hausdorff),
+    })
+}

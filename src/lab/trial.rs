@@ -1,0 +1,207 @@
+//! One trial: a mark under a random key, and what is left of it after each attack.
+
+use super::attacks::{Attack, Context};
+use super::grid::Setting;
+use super::measures::{Damage, Detection, damage, detect};
+use super::random::Random;
+use super::row::Row;
+use super::run::Subject;
+use crate::formats::{Asset, Limits};
+use crate::marking::{MarkError, MarkReport, MarkRequest, MaxDistortion, mark, mark_within};
+use crate::mesh::Mesh;
+use crate::watermark::{Codeword, EmbedParams, Frame, MarkKey, Message, WatermarkError};
+
+/// What is tried.
+#[derive(Clone, Copy)]
+pub struct Trial<'a> {
+    /// The experiment's name.
+    pub experiment: &'static str,
+    /// The host.
+    pub subject: &'a Subject,
+    /// Which of the subjects it is.
+    pub number: usize,
+    /// How it is marked.
+    pub setting: Setting,
+    /// What it meets.
+    pub attacks: &'a [Attack],
+    /// Number of this trial.
+    pub trial: usize,
+    /// Seed of the whole run.
+    pub seed: u64,
+}
+
+/// A marked mesh and its key.
+pub struct MarkedMesh {
+    /// As read from the marked file.
+    pub mesh: Mesh,
+    /// What a detector looks for.
+    pub codeword: Codeword,
+    /// The host's frame.
+    pub frame: Frame,
+    /// What the embedding reached.
+    pub report: MarkReport,
+}
+
+impl Trial<'_> {
+    /// Marks, attacks, reads. One row per attack; `None` when `stop` answers `true` before the end.
+    pub fn run(&self, stop: &(dyn Fn() -> bool + Sync)) -> Option<Vec<Row>> {
+        let marked = self.mark(stop);
+        if stop() {
+            return None;
+        }
+        let marked = match marked {
+            Ok(marked) => marked,
+            Err(error) => {
+                // The mark was refused, whatever the attack.
+                let refused =
+                    |&attack| Row { error: Some(error.to_string()), ..self.blank(attack) };
+                return Some(self.attacks.iter().map(refused).collect());
+            }
+        };
+        let mut rows = Vec::with_capacity(self.attacks.len());
+        for (place, &attack) in (0..).zip(self.attacks) {
+            if stop() {
+                return None;
+            }
+            rows.push(self.attacked(&marked, attack, place));
+        }
+        Some(rows)
+    }
+
+    /// Key and message depend on seed, host and trial alone: settings are compared on equal terms.
+    fn key_and_message(&self) -> Result<(MarkKey, Message), WatermarkError> {
+        let mut random = self.random(0);
+        let key = MarkKey::from_bytes(random.bytes());
+        let bits = (0..self.setting.bits.get()).map(|_| random.word() & 1 == 1).collect();
+        Ok((key, Message::from_bits(bits)?))
+    }
+
+    fn random(&self, purpose: u64) -> Random {
+        let [number, trial] =
+            [self.number, self.trial].map(|n| u64::try_from(n).unwrap_or(u64::MAX));
+        Random::derived(self.seed, [number, trial, purpose])
+    }
+
+    fn params(&self) -> EmbedParams {
+        let Setting { method, strength, bits, closed_loop, .. } = self.setting;
+        EmbedParams { method, strength, bits, closed_loop }
+    }
+
+    /// Makes the mark.
+    ///
+    /// # Errors
+    /// [`MarkError`], when the mesh does not carry it or the budget cannot be kept.
+    pub fn mark(&self, stop: &(dyn Fn() -> bool + Sync)) -> Result<MarkedMesh, MarkError> {
+        let (key, message) = self.key_and_message()?;
+        let limits = Limits { max_bytes: usize::MAX, ..Limits::default() };
+        let params = self.params();
+        let independent_check_max_bytes = 0;
+        let request = MarkRequest {
+            key: &key,
+            message: &message,
+            params,
+            limits,
+            stop,
+            independent_check_max_bytes,
+        };
+        let host = &self.subject.bytes;
+        let marked = match self.setting.budget.and_then(|most| MaxDistortion::new(most).ok()) {
+            None => mark(host, &request)?,
+            Some(most) => mark_within(host, &request, most, params.strength)?,
+        };
+        Ok(MarkedMesh {
+            mesh: Asset::read(&marked.bytes, &limits)?.into_mesh(),
+            codeword: Codeword::new(&key, &message),
+            frame: marked.host_frame,
+            report: marked.report,
+        })
+    }
+
+    /// The mesh after an attack, which stands at `place` in the list.
+    ///
+    /// # Errors
+    /// A text, when nothing is left.
+    pub fn attack(&self, marked: &MarkedMesh, attack: Attack, place: u64) -> Result<Mesh, String> {
+        let params = EmbedParams { strength: marked.report.strength, ..self.params() };
+        let context = Context { host: self.subject.asset.mesh(), params: &params };
+        let seed = self.random(1 + place).word();
+        attack.apply(&marked.mesh, &context, seed).map_err(|error| error.to_string())
+    }
+
+    fn attacked(&self, marked: &MarkedMesh, attack: Attack, place: u64) -> Row {
+        let row = self.described(marked, attack);
+        let attacked = match self.attack(marked, attack, place) {
+            Ok(attacked) => attacked,
+            Err(error) => return Row { error: Some(error), ..row },
+        };
+        let modulation = self.setting.method.modulation();
+        let measured = self.trial == 0 && attack != Attack::Similarity;
+        let damage = measured.then(|| damage(&self.subject.surface, &attacked)).flatten();
+        match detect(&attacked, &marked.codeword, modulation, &marked.frame) {
+            Ok(found) => filled(row, &found, damage),
+            Err(error) => Row { error: Some(error.to_string()), ..row },
+        }
+    }
+
+    fn described(&self, marked: &MarkedMesh, attack: Attack) -> Row {
+        let report = &marked.report;
+        Row {
+            method_used: Some(report.method_used.name()),
+            strength_used: Some(report.strength.get()),
+            mark_mrms: Some(report.quality.mrms),
+            mark_hausdorff: Some(report.quality.hausdorff),
+            mark_normal_deviation: Some(report.quality.normal_deviation_degrees),
+            mark_flipped: Some(report.quality.flipped),
+            ..self.blank(attack)
+        }
+    }
+
+    fn blank(&self, attack: Attack) -> Row {
+        let mesh = self.subject.asset.mesh();
+        Row {
+            experiment: self.experiment,
+            mesh: self.subject.name.clone(),
+            vertices: mesh.positions().len(),
+            triangles: mesh.triangles().len(),
+            diagonal: self.subject.surface.diagonal(),
+            method: self.setting.method.name(),
+            strength: self.setting.strength.get(),
+            bits: self.setting.bits.get(),
+            closed_loop: self.setting.closed_loop,
+            budget: self.setting.budget,
+            trial: self.trial,
+            attack: attack.to_string(),
+            family: attack.family(),
+            amount: attack.amount(),
+            method_used: None,
+            strength_used: None,
+            mark_mrms: None,
+            mark_hausdorff: None,
+            mark_normal_deviation: None,
+            mark_flipped: None,
+            bits_right: None,
+            bits_wrong: None,
+            bits_erased: None,
+            detection_ratio: None,
+            log10_bound: None,
+            log10_bound_in_place: None,
+            attacked_mrms: None,
+            attacked_hausdorff: None,
+            error: None,
+        }
+    }
+}
+
+fn filled(row: Row, found: &Detection, damage: Option<Damage>) -> Row {
+    Row {
+        bits_right: Some(found.right),
+        bits_wrong: Some(found.wrong),
+        bits_erased: Some(found.erased),
+        detection_ratio: Some(found.right as f64 / row.bits as f64),
+        log10_bound: Some(found.log10_bound),
+        log10_bound_in_place: Some(found.log10_bound_in_place),
+        attacked_mrms: damage.map(|d| d.mrms),
+        attacked_hausdorff: damage.map(|d| d.hausdorff),
+        ..row
+    }
+}
