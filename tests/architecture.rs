@@ -55,6 +55,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("object_store", &["blobs"]),
     ("rand_chacha", &["watermark/codeword", "lab/random"]),
     ("meshopt", &["lab/attacks"]),
+    ("png", &["lab/report"]),
+    ("csv", &["lab/row"]),
     ("hkdf", &["keys"]),
     ("parry3d_f64", &["mesh", "registration"]),
 ];

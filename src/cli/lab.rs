@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use quadmark::lab::grid::{Choices, Grid};
+use quadmark::lab::report::{Report, galleries};
 use quadmark::lab::row::to_csv;
 use quadmark::lab::run::{Plan, Progress, Subject, Watch};
 use quadmark::lab::summary::groups;
@@ -21,7 +22,8 @@ pub(super) struct Arguments {
     /// The host files (OBJ, GLB or glTF).
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Folder for results.csv, summary.json and report.html; made when it is not there.
+    /// Folder for results.csv, summary.json, report.html, and the report's tables and figures as
+    /// files; made when it is not there.
     #[arg(long)]
     out: PathBuf,
     /// Which marks and attacks: quick, paper (the tables and figures of Luo and Bors 2009) or liris
@@ -74,18 +76,35 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let rows = plan.run(watch);
     meter.end();
 
+    eprintln!("drawing");
+    let groups = groups(&rows, arguments.threshold_log10);
+    let galleries = galleries(&plan, watch.stop);
+    let report = Report {
+        grid: arguments.grid,
+        trials: plan.trials,
+        seed: plan.seed,
+        threshold: arguments.threshold_log10,
+        complete: !stopped.load(Ordering::Relaxed),
+        groups: &groups,
+        galleries: &galleries,
+    };
     let summary = json!({
         "quadmark": env!("CARGO_PKG_VERSION"),
         "grid": arguments.grid.name(),
         "trials": plan.trials,
         "seed": arguments.seed,
         "threshold_log10": arguments.threshold_log10,
-        "complete": !stopped.load(Ordering::Relaxed),
-        "groups": groups(&rows, arguments.threshold_log10),
+        "complete": report.complete,
+        "groups": groups,
     });
     let out = |name: &str| arguments.out.join(name);
     files::write(&out("results.csv"), &to_csv(&rows)?)?;
     files::write(&out("summary.json"), &serde_json::to_vec_pretty(&summary)?)?;
+    files::write(&out("report.html"), report.html().as_bytes())?;
+    files::write(&out("tables.md"), report.markdown().as_bytes())?;
+    for figure in report.figures() {
+        files::write(&out(&format!("{}.svg", figure.name)), figure.plot.svg().as_bytes())?;
+    }
     eprintln!("{} rows in {}", rows.len(), arguments.out.display());
     Ok(ExitCode::SUCCESS)
 }

@@ -3,7 +3,7 @@
 //! Stands beside the service and sees only files, geometry and the method. In reading order:
 //! [`attacks`] (a mesh, parameters and a seed in, a mesh out), [`grid`] (which marks and attacks),
 //! [`trial`] (one mark, all its attacks), [`run`] (all trials on all cores), [`row`] and
-//! [`summary`] (what comes out).
+//! [`summary`] (what comes out), [`report`] (how it is shown).
 //!
 //! Must not open files, read the clock or know of the service: names and bytes come in, rows and
 //! texts go out.
@@ -12,7 +12,11 @@ pub mod attacks;
 pub mod grid;
 pub mod measures;
 pub mod random;
+pub mod report;
 pub mod row;
 pub mod run;
 pub mod summary;
 pub mod trial;
+
+#[cfg(test)]
+mod tests;

@@ -39,6 +39,8 @@ pub struct Row {
     pub mark_normal_deviation: Option<f64>,
     /// Triangles that the mark turned by more than 90 degrees.
     pub mark_flipped: Option<usize>,
+    /// How visible the mark is; measured in the first trial.
+    pub mark_perceived: Option<f64>,
     /// The attack.
     pub attack: String,
     /// Its family.

@@ -65,6 +65,8 @@ pub struct Group {
     pub mark_normal_deviation: f64,
     /// Mean share of triangles that the mark flipped.
     pub mark_flipped: f64,
+    /// How visible the mark of the first trial is.
+    pub mark_perceived: Option<f64>,
     /// MRMS of the attacked mesh of the first trial.
     pub attacked_mrms: Option<f64>,
     /// Hausdorff distance of the attacked mesh of the first trial.
@@ -151,6 +153,7 @@ fn group(rows: &[&Row], threshold: f64) -> Option<Group> {
         mark_hausdorff: mean(&|row| row.mark_hausdorff),
         mark_normal_deviation: mean(&|row| row.mark_normal_deviation),
         mark_flipped: mean(&|row| row.mark_flipped.map(|n| n as f64 / row.triangles as f64)),
+        mark_perceived: rows.iter().find_map(|row| row.mark_perceived),
         attacked_mrms: rows.iter().find_map(|row| row.attacked_mrms),
         attacked_hausdorff: rows.iter().find_map(|row| row.attacked_hausdorff),
     })

@@ -179,6 +179,7 @@ impl Trial<'_> {
             mark_hausdorff: None,
             mark_normal_deviation: None,
             mark_flipped: None,
+            mark_perceived: None,
             bits_right: None,
             bits_wrong: None,
             bits_erased: None,

@@ -1,0 +1,245 @@
+//! Which tables a report shows.
+
+use super::paper;
+use super::table::{Cell, Table};
+use crate::lab::grid::Grid;
+use crate::lab::summary::Group;
+
+/// All tables, those of the grid's source first.
+#[must_use]
+pub fn tables(grid: Grid, groups: &[Group]) -> Vec<Table> {
+    let mut all = Vec::new();
+    if grid == Grid::Paper {
+        all.extend(table_1(groups));
+        all.extend(table_2(groups));
+    }
+    for experiment in distinct(groups.iter().map(|g| g.experiment)) {
+        let own: Vec<&Group> = groups.iter().filter(|g| g.experiment == experiment).collect();
+        all.push(cost(experiment, &own));
+        for mesh in distinct(own.iter().map(|g| g.mesh.as_str())) {
+            let own: Vec<&Group> = own.iter().copied().filter(|g| g.mesh == mesh).collect();
+            if own.iter().any(|g| g.family != "none") {
+                all.push(survival(experiment, mesh, &own));
+            }
+            if grid == Grid::Liris {
+                all.push(bit_errors(experiment, mesh, &own));
+            }
+        }
+    }
+    all
+}
+
+/// Items in the order of first appearance, each once.
+pub fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
+    let mut list = Vec::new();
+    for item in items {
+        if !list.contains(&item) {
+            list.push(item);
+        }
+    }
+    list
+}
+
+/// A mark's name where only what differs among `all` is named beside the method.
+pub fn label(group: &Group, all: &[&Group]) -> String {
+    let differs = |other: &&&Group| other.strength.to_bits() != group.strength.to_bits();
+    let strength = all.iter().find(differs).map(|_| format!(" {}", group.strength));
+    let differs = |other: &&&Group| other.bits != group.bits;
+    let bits = all.iter().find(differs).map(|_| format!(" {} bits", group.bits));
+    [group.method, &strength.unwrap_or_default(), &bits.unwrap_or_default()].concat()
+}
+
+fn percent(share: f64, digits: usize) -> String {
+    format!("{:.digits$}", 100.0 * share)
+}
+
+/// Table 1 of the paper: MRMS in the meshes' unit.
+fn table_1(groups: &[Group]) -> Option<Table> {
+    let own: Vec<&Group> = groups.iter().filter(|g| g.experiment == "table 1").collect();
+    let head = ["mesh", "method", "MRMS x 10^-4", "paper", "ours / paper", "% of the diagonal"];
+    let row = |g: &&Group| {
+        let ours = 1e4 * g.mark_mrms * g.diagonal;
+        let theirs = paper::mrms(&g.mesh, g.method);
+        vec![
+            Cell::plain(g.mesh.clone()),
+            Cell::plain(label(g, &own)),
+            Cell::plain(format!("{ours:.2}")),
+            Cell::plain(theirs.map_or_else(String::new, |t| format!("{t:.2}"))),
+            Cell::plain(theirs.map_or_else(String::new, |t| format!("{:.2}", ours / t))),
+            Cell::plain(percent(g.mark_mrms, 4)),
+        ]
+    };
+    (!own.is_empty()).then(|| Table {
+        title: "Table 1 of the paper: distortion of the mark, single pass".into(),
+        note: "MRMS as Metro samples it, in the mesh's own unit. The paper's gear is another file \
+               than any that is published: compare its ratios between methods, not its sizes. The \
+               rest of the difference is keys and messages, which decide which vertices move and \
+               how far, and the paper's misprinted centre and trim, for which the readings that \
+               come nearest to its figures were taken."
+            .into(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: own.iter().map(row).collect(),
+    })
+}
+
+/// Table 2 of the paper: subdivision.
+fn table_2(groups: &[Group]) -> Option<Table> {
+    let families = ["butterfly", "loop", "midpoint"];
+    let own: Vec<&Group> = groups
+        .iter()
+        .filter(|g| g.experiment.contains("table 2") && families.contains(&g.family))
+        .collect();
+    let cell = |g: &Group| {
+        let paper = paper::subdivided(&g.mesh, g.method, g.family);
+        let paper = paper.map_or_else(String::new, |p| format!(" (paper {p})"));
+        Cell::rated(format!("{:.3}{paper}", g.detection_ratio), 2.0 * g.detection_ratio - 1.0)
+    };
+    let mut rows = Vec::new();
+    for mesh in distinct(own.iter().map(|g| g.mesh.as_str())) {
+        for name in distinct(own.iter().map(|g| label(g, &own))) {
+            let mut row = vec![Cell::plain(mesh), Cell::plain(name.clone())];
+            row.extend(families.map(|family| {
+                let found = own
+                    .iter()
+                    .find(|g| g.mesh == mesh && g.family == family && label(g, &own) == name);
+                found.map_or_else(Cell::default, |g| cell(g))
+            }));
+            rows.push(row);
+        }
+    }
+    (!rows.is_empty()).then(|| Table {
+        title: "Table 2 of the paper: detection ratio after subdivision".into(),
+        note: "Closed loop: every bit is right before the attack. The paper embeds in a single \
+               pass; it prints 1 where all bits of all trials were right."
+            .into(),
+        head: ["mesh", "method", "butterfly", "Loop", "midpoint"].map(str::to_owned).to_vec(),
+        rows,
+    })
+}
+
+/// What the marks of an experiment do to their hosts.
+fn cost(experiment: &str, groups: &[&Group]) -> Table {
+    let head = [
+        "mesh",
+        "method",
+        "strength",
+        "bits",
+        "MRMS, % of diagonal",
+        "Hausdorff, %",
+        "normals turned, degrees",
+        "flipped, %",
+        "perceived (MSDM2)",
+        "bits right, %",
+        "bound, log10",
+        "trials",
+        "refused",
+        "other placement",
+    ];
+    let row = |g: &&Group| {
+        vec![
+            Cell::plain(g.mesh.clone()),
+            Cell::plain(g.method),
+            Cell::plain(format!("{:.3}", g.strength_used)),
+            Cell::plain(g.bits.to_string()),
+            Cell::plain(percent(g.mark_mrms, 4)),
+            Cell::plain(percent(g.mark_hausdorff, 3)),
+            Cell::plain(format!("{:.2}", g.mark_normal_deviation)),
+            Cell::plain(percent(g.mark_flipped, 3)),
+            Cell::plain(g.mark_perceived.map_or_else(String::new, |p| format!("{p:.3}"))),
+            Cell::plain(percent(g.detection_ratio, 1)),
+            Cell::plain(format!("{:.1}", g.log10_bound)),
+            Cell::plain(g.trials.to_string()),
+            Cell::plain(match &g.error {
+                Some(error) => format!("{}: {error}", g.failed),
+                None => "0".to_owned(),
+            }),
+            Cell::plain(g.fell_back.to_string()),
+        ]
+    };
+    Table {
+        title: format!("Cost of the marks: {experiment}"),
+        note:
+            "Means over trials. \"Other placement\": trials in which an exact method fell back on \
+               the paper's placement."
+                .into(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: groups.iter().filter(|g| g.family == "none").map(row).collect(),
+    }
+}
+
+/// One row per attack, one column per mark.
+fn matrix(
+    groups: &[&Group],
+    cell: impl Fn(&Group) -> Cell,
+    more: &[&str],
+    extra: impl Fn(&Group) -> Vec<String>,
+) -> (Vec<String>, Vec<Vec<Cell>>) {
+    let marks = distinct(groups.iter().map(|g| label(g, groups)));
+    let mut head = vec!["attack".to_owned()];
+    head.extend(marks.iter().cloned());
+    head.extend(more.iter().map(|&name| name.to_owned()));
+    let row = |attack: &str| {
+        let own = || groups.iter().filter(|g| g.attack == attack);
+        let mut row = vec![Cell::plain(attack)];
+        row.extend(marks.iter().map(|mark| {
+            own().find(|g| label(g, groups) == *mark).map_or_else(Cell::default, |g| cell(g))
+        }));
+        row.extend(own().take(1).flat_map(|g| extra(g)).map(Cell::plain));
+        row
+    };
+    let rows = distinct(groups.iter().map(|g| g.attack.as_str())).into_iter().map(row).collect();
+    (head, rows)
+}
+
+fn survival(experiment: &str, mesh: &str, groups: &[&Group]) -> Table {
+    let cell = |g: &Group| {
+        if g.trials == 0 {
+            return Cell::plain(g.error.clone().unwrap_or_default());
+        }
+        let text = format!(
+            "{:.3} \u{b7} {:.1} \u{b7} {:.0} % \u{b7} {:.0} %",
+            g.detection_ratio,
+            g.log10_bound,
+            100.0 * g.matches,
+            100.0 * g.matches_in_place
+        );
+        Cell::rated(text, g.matches)
+    };
+    let damage =
+        |g: &Group| vec![g.attacked_mrms.map_or_else(String::new, |mrms| percent(mrms, 3))];
+    let (head, rows) = matrix(groups, cell, &["attacked mesh, MRMS %"], damage);
+    Table {
+        title: format!("What the marks survive: {mesh} ({experiment})"),
+        note:
+            "Per mark: mean share of bits right, mean log10 of the false-positive bound, share of \
+               trials that match, all three read blindly; last, share that match when the host's \
+               own frame is tried too, as for a record that the request names."
+                .into(),
+        head,
+        rows,
+    }
+}
+
+fn bit_errors(experiment: &str, mesh: &str, groups: &[&Group]) -> Table {
+    let cell = |g: &Group| {
+        if g.trials == 0 {
+            return Cell::plain(g.error.clone().unwrap_or_default());
+        }
+        Cell::rated(format!("{:.2}", g.bit_error_rate), 1.0 - 2.0 * g.bit_error_rate)
+    };
+    let published = |g: &Group| match paper::liris(g.family, g.amount) {
+        Some(rates) => rates.map(|rate| format!("{rate:.2}")).to_vec(),
+        None => vec![String::new(); 2],
+    };
+    let names = ["Cho 2007, Venus", "Wang 2011, Venus"];
+    let (head, rows) = matrix(groups, cell, &names, published);
+    Table {
+        title: format!("Bit error rate: {mesh}, {experiment}"),
+        note: "Mean share of bits read wrong, in the benchmark's row order. The last columns are \
+               published for the benchmark's own Venus (100,759 vertices) with 64 bits and the \
+               perceptual budget: another mesh has other rates."
+            .into(),
+        head,
+        rows,
+    }
+}

@@ -1,0 +1,159 @@
+//! Whole runs on small generated meshes.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::attacks::Attack;
+use super::grid::{Choices, Experiment, Grid, Setting};
+use super::report::{Report, galleries};
+use super::row::{Row, to_csv};
+use super::run::{Plan, Progress, Subject, Watch};
+use super::summary::{Group, groups};
+use crate::formats::Limits;
+use crate::sample::{Sample, to_obj};
+use crate::watermark::{BitCount, Method, Strength};
+
+fn subject(sample: Sample, vertices: u32) -> Subject {
+    let bytes = to_obj(&sample.mesh(vertices).unwrap());
+    Subject::read(sample.to_string(), bytes, &Limits::default()).unwrap()
+}
+
+fn setting(method: Method) -> Setting {
+    Setting {
+        method,
+        strength: Strength::default(),
+        bits: BitCount::new(16).unwrap(),
+        closed_loop: true,
+        budget: None,
+    }
+}
+
+fn experiment(methods: &[Method], attacks: &[Attack]) -> Experiment {
+    Experiment {
+        name: "test",
+        settings: methods.iter().map(|&m| setting(m)).collect(),
+        attacks: attacks.to_vec(),
+        first_mesh_only: false,
+    }
+}
+
+const ATTACKS: [Attack; 5] =
+    [Attack::None, Attack::Noise(0.001), Attack::Noise(0.01), Attack::Noise(0.2), Attack::Midpoint];
+
+fn rows_of(plan: &Plan<'_>) -> Vec<Row> {
+    plan.run(Watch { stop: &|| false, progress: &|_| {} })
+}
+
+fn find<'a>(groups: &'a [Group], attack: &Attack) -> &'a Group {
+    groups.iter().find(|g| g.attack == attack.to_string()).unwrap()
+}
+
+#[test]
+fn the_same_seed_gives_the_same_rows_on_any_number_of_threads() {
+    let subjects = [subject(Sample::Blob, 5000), subject(Sample::Knot, 4000)];
+    let experiments = [experiment(&[Method::QspMean, Method::ChoVar], &ATTACKS)];
+    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 2, seed: 7 };
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        to_csv(&pool.install(|| rows_of(&plan))).unwrap()
+    };
+    let one = on(1);
+    assert!(one == on(3));
+    let text = String::from_utf8(one).unwrap();
+    assert_eq!(text.lines().count(), 1 + 2 * 2 * 2 * ATTACKS.len());
+    let other = Plan { seed: 8, ..plan };
+    assert!(to_csv(&rows_of(&other)).unwrap() != text.as_bytes());
+}
+
+#[test]
+fn marks_fade_with_noise_and_the_summary_says_so() {
+    let subjects = [subject(Sample::Blob, 5000)];
+    let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
+    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 3, seed: 1 };
+    let all = groups(&rows_of(&plan), -4.0);
+    assert_eq!(all.len(), ATTACKS.len());
+    let [none, weak, _, strong, midpoint] = ATTACKS.each_ref().map(|a| find(&all, a));
+    for sound in [none, weak, midpoint] {
+        assert!((sound.detection_ratio - 1.0).abs() < 1e-12, "{sound:?}");
+        assert!((sound.matches - 1.0).abs() < 1e-12 && sound.log10_bound < -4.7, "{sound:?}");
+    }
+    assert!(strong.detection_ratio < 0.9 && strong.matches < 0.5, "{strong:?}");
+    assert!(none.mark_mrms > 1e-6 && none.mark_mrms < 1e-3, "{none:?}");
+    assert!(strong.attacked_mrms.unwrap() > 30.0 * none.attacked_mrms.unwrap());
+    assert_eq!((none.trials, none.failed), (3, 0));
+}
+
+#[test]
+fn a_mesh_that_carries_nothing_is_told_of_and_does_not_end_the_run() {
+    let subjects = [subject(Sample::Gear, 450)];
+    let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
+    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 1, seed: 1 };
+    let rows = rows_of(&plan);
+    assert_eq!(rows.len(), ATTACKS.len());
+    assert!(rows.iter().all(|row| row.error.is_some() && row.bits_right.is_none()));
+    assert_eq!(groups(&rows, -9.0)[0].failed, 1);
+}
+
+#[test]
+fn a_stopped_run_keeps_what_is_done() {
+    let subjects = [subject(Sample::Blob, 4000)];
+    let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
+    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 40, seed: 1 };
+    let done = AtomicUsize::new(0);
+    let count = |progress: Progress| {
+        assert!(progress.share > 0.0 && progress.share <= 1.0 && progress.trials == 40);
+        done.store(progress.done, Ordering::SeqCst);
+    };
+    let stop = || done.load(Ordering::SeqCst) >= 2;
+    let rows = plan.run(Watch { stop: &stop, progress: &count });
+    assert!(rows.len() >= 2 * ATTACKS.len() && rows.len() < 40 * ATTACKS.len(), "{}", rows.len());
+    assert_eq!(rows.len() % ATTACKS.len(), 0, "whole trials");
+}
+
+#[test]
+fn a_budget_is_kept() {
+    let subjects = [subject(Sample::Blob, 5000)];
+    let budget = Some(5e-5);
+    let settings = vec![Setting { budget, strength: Strength::MAX, ..setting(Method::QspMean) }];
+    let experiments = [Experiment { settings, ..experiment(&[Method::QspMean], &[Attack::None]) }];
+    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 1, seed: 3 };
+    let rows = rows_of(&plan);
+    let mrms = rows[0].mark_mrms.unwrap();
+    assert!((3e-5..=5e-5).contains(&mrms), "{mrms:e}");
+}
+
+#[test]
+fn the_report_stands_alone_and_shows_each_mesh() {
+    let subjects = [subject(Sample::Blob, 4000)];
+    let choices = Choices { bits: vec![BitCount::new(16).unwrap()], ..Choices::default() };
+    let mut experiments = Grid::Paper.experiments(&choices);
+    experiments.retain(|e| e.name != "figure 10b");
+    for experiment in &mut experiments {
+        // Noise and nothing that takes long.
+        experiment.attacks.retain(|a| matches!(a, Attack::None | Attack::Noise(_) | Attack::Loop));
+    }
+    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 1, seed: 1 };
+    let groups = groups(&rows_of(&plan), -4.0);
+    let galleries = galleries(&plan, &|| false);
+    let report = Report {
+        grid: Grid::Paper,
+        trials: 1,
+        seed: 1,
+        threshold: -4.0,
+        complete: true,
+        groups: &groups,
+        galleries: &galleries,
+    };
+    let page = report.html();
+    for part in
+        ["Table 1 of the paper", "Table 2 of the paper", "Figure 5, blob", "Figure 10a, blob"]
+    {
+        assert!(page.contains(part), "{part}");
+    }
+    // Host, four methods, and noise on the first.
+    assert_eq!(page.matches("<img ").count(), 6);
+    let outside = |link: &str| page.contains(&format!("src=\"{link}")) || page.contains("<script");
+    assert!(!outside("http") && !outside("//") && !page.contains("@import"));
+    let names: Vec<String> = report.figures().into_iter().map(|f| f.name).collect();
+    assert!(names.contains(&"figure-5-blob".to_owned()), "{names:?}");
+    assert!(report.markdown().contains("| blob | qsp-mean |"));
+}
