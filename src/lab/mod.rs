@@ -11,6 +11,7 @@
 pub mod attacks;
 pub mod grid;
 pub mod measures;
+pub mod perceived;
 pub mod random;
 pub mod report;
 pub mod row;

@@ -39,7 +39,7 @@ pub struct Row {
     pub mark_normal_deviation: Option<f64>,
     /// Triangles that the mark turned by more than 90 degrees.
     pub mark_flipped: Option<usize>,
-    /// How visible the mark is; measured in the first trial.
+    /// How visible the mark is, by [`msdm2`](super::perceived::msdm2); measured in the first trial.
     pub mark_perceived: Option<f64>,
     /// The attack.
     pub attack: String,

@@ -3,12 +3,14 @@
 use super::attacks::{Attack, Context};
 use super::grid::Setting;
 use super::measures::{Damage, Detection, damage, detect};
+use super::perceived::msdm2;
 use super::random::Random;
 use super::row::Row;
 use super::run::Subject;
 use crate::formats::{Asset, Limits};
 use crate::marking::{MarkError, MarkReport, MarkRequest, MaxDistortion, mark, mark_within};
 use crate::mesh::Mesh;
+use crate::mesh::surface::Surface;
 use crate::watermark::{Codeword, EmbedParams, Frame, MarkKey, Message, WatermarkError};
 
 /// What is tried.
@@ -58,12 +60,14 @@ impl Trial<'_> {
                 return Some(self.attacks.iter().map(refused).collect());
             }
         };
+        let perceived = self.perceived(&marked.mesh);
         let mut rows = Vec::with_capacity(self.attacks.len());
         for (place, &attack) in (0..).zip(self.attacks) {
             if stop() {
                 return None;
             }
-            rows.push(self.attacked(&marked, attack, place));
+            let row = self.attacked(&marked, attack, place);
+            rows.push(Row { mark_perceived: perceived, ..row });
         }
         Some(rows)
     }
@@ -135,12 +139,23 @@ impl Trial<'_> {
             Err(error) => return Row { error: Some(error), ..row },
         };
         let modulation = self.setting.method.modulation();
-        let measured = self.trial == 0 && attack != Attack::Similarity;
+        let measured = self.measures_all() && attack != Attack::Similarity;
         let damage = measured.then(|| damage(&self.subject.surface, &attacked)).flatten();
         match detect(&attacked, &marked.codeword, modulation, &marked.frame) {
             Ok(found) => filled(row, &found, damage),
             Err(error) => Row { error: Some(error.to_string()), ..row },
         }
+    }
+
+    /// Whether this trial measures what takes long and hardly differs between trials.
+    fn measures_all(&self) -> bool {
+        self.trial == 0
+    }
+
+    fn perceived(&self, mesh: &Mesh) -> Option<f64> {
+        let measured =
+            self.measures_all().then(|| msdm2(&self.subject.surface, &Surface::new(mesh)));
+        measured.flatten()
     }
 
     fn described(&self, marked: &MarkedMesh, attack: Attack) -> Row {

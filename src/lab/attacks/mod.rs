@@ -10,7 +10,7 @@
 mod attack;
 pub mod collude;
 pub mod crop;
-mod edges;
+pub(in crate::lab) mod edges;
 pub mod noise;
 pub mod quantise;
 pub mod re_mark;

@@ -1,0 +1,63 @@
+//! One attack on one file, as a file: for comparing with other programs (`benches/metro/attacks.py`).
+//!
+//! ```text
+//! cargo bench --bench attack -- IN OUT.obj FAMILY [AMOUNT [MORE]]
+//! ```
+//!
+//! `noise 0.003`, `smoothing 0.5 10`, `quantisation 8`, `simplification 0.9`, `remeshing 0.6`,
+//! `midpoint`, `butterfly`, `loop`, `sqrt3`, `cropping 0.3`.
+#![expect(clippy::unwrap_used, clippy::panic, reason = "a benchmark may stop")]
+
+use std::fmt::Write as _;
+
+use quadmark::formats::{Asset, Limits};
+use quadmark::lab::attacks::crop::Of;
+use quadmark::lab::attacks::{Attack, Context};
+use quadmark::mesh::Mesh;
+use quadmark::watermark::EmbedParams;
+
+fn named(family: &str, amounts: &[f64]) -> Attack {
+    let amount = || amounts[0];
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small counts")]
+    let count = |k: usize| amounts[k] as u32;
+    match family {
+        "noise" => Attack::Noise(amount()),
+        "uniform-noise" => Attack::UniformNoise(amount()),
+        "smoothing" => Attack::Smooth { lambda: amount(), iterations: count(1) },
+        "quantisation" => Attack::Quantise(count(0)),
+        "simplification" => Attack::Simplify(amount()),
+        "remeshing" => Attack::Remesh(amount()),
+        "midpoint" => Attack::Midpoint,
+        "butterfly" => Attack::Butterfly,
+        "loop" => Attack::Loop,
+        "sqrt3" => Attack::Sqrt3,
+        "cropping" => Attack::Crop(amount(), Of::Vertices),
+        other => panic!("unknown attack {other}"),
+    }
+}
+
+/// With all digits, so that what is measured is not the writing.
+fn exact_obj(mesh: &Mesh) -> String {
+    let mut text = String::new();
+    for p in mesh.positions() {
+        writeln!(text, "v {} {} {}", p.x, p.y, p.z).unwrap();
+    }
+    for t in mesh.triangles() {
+        let [a, b, c] = t.map(|v| v + 1);
+        writeln!(text, "f {a} {b} {c}").unwrap();
+    }
+    text
+}
+
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
+    let [input, output, family, amounts @ ..] = words.as_slice() else {
+        eprintln!("IN OUT.obj FAMILY [AMOUNT [MORE]]");
+        return;
+    };
+    let amounts: Vec<f64> = amounts.iter().map(|word| word.parse().unwrap()).collect();
+    let asset = Asset::read(&std::fs::read(input).unwrap(), &Limits::default()).unwrap();
+    let context = Context { host: asset.mesh(), params: &EmbedParams::default() };
+    let attacked = named(family, &amounts).apply(asset.mesh(), &context, 1).unwrap();
+    std::fs::write(output, exact_obj(&attacked)).unwrap();
+}

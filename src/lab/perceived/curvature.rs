@@ -1,0 +1,263 @@
+//! Mean curvature from the edges within a ball (D. Cohen-Steiner and J.-M. Morvan, *Restricted
+//! Delaunay triangulations and normal cycle*, Symposium on
+//! Computational Geometry 2003).
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use crate::lab::attacks::edges::Edges;
+use crate::mesh::surface::{Surface, doubled_area};
+
+/// A surface with its edges around each vertex.
+pub struct Shape<'a> {
+    pub surface: &'a Surface,
+    /// Per vertex, its neighbours and the signed angle at the edge between (0 at borders).
+    starts: Vec<usize>,
+    spokes: Vec<Spoke>,
+}
+
+/// An edge as seen from one end.
+#[derive(Debug, Clone, Copy)]
+pub struct Spoke {
+    /// The other end.
+    pub to: u32,
+    /// Angle between the triangles' normals, positive where the edge is convex.
+    pub angle: f64,
+}
+
+impl<'a> Shape<'a> {
+    pub fn new(surface: &'a Surface) -> Self {
+        let edges = Edges::new(&surface.triangles);
+        let mut starts = vec![0; surface.positions.len() + 1];
+        for &v in edges.ends.iter().flatten() {
+            starts[v as usize + 1] += 1;
+        }
+        for v in 1..starts.len() {
+            starts[v] += starts[v - 1];
+        }
+        let mut next = starts.clone();
+        let mut spokes = vec![Spoke { to: 0, angle: 0.0 }; 2 * edges.ends.len()];
+        for (edge, &[a, b]) in edges.ends.iter().enumerate() {
+            let angle = edges
+                .inner_sides(edge, &surface.triangles)
+                .map_or(0.0, |sides| signed_angle(surface, sides));
+            for (from, to) in [(a, b), (b, a)] {
+                let slot = &mut next[from as usize];
+                spokes[*slot] = Spoke { to, angle };
+                *slot += 1;
+            }
+        }
+        Self { surface, starts, spokes }
+    }
+
+    pub fn spokes(&self, vertex: usize) -> &[Spoke] {
+        &self.spokes[self.starts[vertex]..self.starts[vertex + 1]]
+    }
+
+    /// Longest side of the bounding box.
+    pub fn longest_side(&self) -> f64 {
+        let start = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let (low, high) =
+            self.surface.positions.iter().fold(start, |(l, h), &p| (l.min(p), h.max(p)));
+        (high - low).max_element()
+    }
+}
+
+/// The angle that the normal turns by from the first side's triangle to the second's, about the
+/// edge as the first runs along it.
+fn signed_angle(surface: &Surface, sides: [usize; 2]) -> f64 {
+    let at = |v: u32| surface.positions[v as usize];
+    let normal = |side: usize| {
+        let [a, b, c] = surface.triangles[side / 3].map(at);
+        doubled_area(a, b, c)
+    };
+    let [n, m] = sides.map(normal);
+    let corners = surface.triangles[sides[0] / 3];
+    let k = sides[0] % 3;
+    let along = (at(corners[(k + 1) % 3]) - at(corners[k])).normalize_or_zero();
+    n.cross(m).dot(along).atan2(n.dot(m))
+}
+
+/// Per vertex, half the sum of the sizes of the principal curvatures, one over a length.
+pub fn mean_curvatures(shape: &Shape<'_>, radius: f64) -> Vec<f64> {
+    (0..shape.surface.positions.len())
+        .into_par_iter()
+        .with_min_len(4096)
+        .map_init(Inside::default, |inside, vertex| {
+            let tensor = tensor(shape, vertex, radius, inside);
+            let mut sizes = eigenvalues(&tensor).map(f64::abs);
+            sizes.sort_unstable_by(f64::total_cmp);
+            // The smallest belongs to the normal.
+            f64::midpoint(sizes[1], sizes[2])
+        })
+        .collect()
+}
+
+/// The sum over edges of angle, length within the ball and direction twice, over the ball's cut of
+/// a plane.
+fn tensor(shape: &Shape<'_>, vertex: usize, radius: f64, inside: &mut Inside) -> DMat3 {
+    let at = |v: u32| shape.surface.positions[v as usize];
+    let mut sum = DMat3::ZERO;
+    walk(shape, vertex, radius, inside, |from, spoke, share| {
+        let edge = (at(spoke.to) - at(from)) * share;
+        let length = edge.length();
+        if length > 0.0 {
+            let along = edge * (spoke.angle / length);
+            sum += DMat3::from_cols(along * edge.x, along * edge.y, along * edge.z);
+        }
+    });
+    sum * (1.0 / (PI * radius * radius))
+}
+
+/// The vertices inside a ball. Kept from ball to ball, for its memory.
+#[derive(Debug, Default)]
+pub struct Inside {
+    /// In the order in which they were met.
+    pub list: Vec<u32>,
+    /// Per vertex, the number of the last ball that it was in.
+    balls: Vec<u32>,
+    ball: u32,
+}
+
+impl Inside {
+    fn begin(&mut self, vertices: usize, first: usize) {
+        self.balls.resize(vertices, 0);
+        self.ball = self.ball.wrapping_add(1);
+        if self.ball == 0 {
+            self.balls.fill(0);
+            self.ball = 1;
+        }
+        self.list.clear();
+        if let Ok(first) = u32::try_from(first) {
+            self.add(first);
+        }
+    }
+
+    fn add(&mut self, vertex: u32) {
+        let ball = &mut self.balls[vertex as usize];
+        if *ball != self.ball {
+            *ball = self.ball;
+            self.list.push(vertex);
+        }
+    }
+}
+
+/// Visits, from `vertex` outward, the edges that lie in the ball around it at least in part:
+/// `visit(start, edge, share of the edge inside)`, each once. The vertices inside are left in
+/// `inside`.
+pub fn walk(
+    shape: &Shape<'_>,
+    vertex: usize,
+    radius: f64,
+    inside: &mut Inside,
+    mut visit: impl FnMut(u32, Spoke, f64),
+) {
+    let at = |v: u32| shape.surface.positions[v as usize];
+    let centre = shape.surface.positions[vertex];
+    inside.begin(shape.surface.positions.len(), vertex);
+    let mut next = 0;
+    while let Some(&from) = inside.list.get(next) {
+        let start = at(from);
+        for &spoke in shape.spokes(from as usize) {
+            let edge = at(spoke.to) - start;
+            let share = share_inside(start - centre, edge, radius);
+            // Outward; or past the centre, and then once.
+            let outward = next == 0 || edge.dot(start - centre) > 0.0;
+            let past = edge.dot(at(spoke.to) - centre) >= 0.0;
+            if !outward && !(past && (share < 1.0 || from < spoke.to)) {
+                continue;
+            }
+            visit(from, spoke, share);
+            if share >= 1.0 {
+                inside.add(spoke.to);
+            }
+        }
+        next += 1;
+    }
+}
+
+/// The part of `edge`, from `start` relative to the centre of a ball, that lies inside; 1 when all.
+fn share_inside(start: DVec3, edge: DVec3, radius: f64) -> f64 {
+    let a = edge.length_squared();
+    let b = edge.dot(start);
+    let c = start.length_squared() - radius * radius;
+    let root = b * b - a * c;
+    if a <= 0.0 || root < 0.0 {
+        return 0.0;
+    }
+    ((root.sqrt() - b) / a).clamp(0.0, 1.0)
+}
+
+/// Eigenvalues of a symmetric matrix in closed form (O. K. Smith, *Eigenvalues of a symmetric 3 x 3
+/// matrix*, Communications of the ACM 4(4), 1961).
+fn eigenvalues(m: &DMat3) -> [f64; 3] {
+    let mean = (m.x_axis.x + m.y_axis.y + m.z_axis.z) / 3.0;
+    let centred = *m - DMat3::from_diagonal(DVec3::splat(mean));
+    let squares = centred.x_axis.length_squared()
+        + centred.y_axis.length_squared()
+        + centred.z_axis.length_squared();
+    let scale = (squares / 6.0).sqrt();
+    if scale <= 0.0 {
+        return [mean; 3];
+    }
+    let half = (centred * (1.0 / scale)).determinant() / 2.0;
+    let angle = libm::acos(half.clamp(-1.0, 1.0)) / 3.0;
+    [0.0, 1.0, 2.0].map(|k| mean + 2.0 * scale * libm::cos(angle + k * TAU / 3.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+
+    /// A tube or a ball as a fine grid over the unit square.
+    fn grid(m: u32, n: u32, place: impl Fn(f64, f64) -> DVec3) -> Surface {
+        let at = |i: u32, j: u32| place(f64::from(i) / f64::from(m), f64::from(j) / f64::from(n));
+        let positions = (0..m).flat_map(|i| (0..=n).map(move |j| (i, j)));
+        let positions = positions.map(|(i, j)| at(i, j)).collect();
+        let v = |i: u32, j: u32| (i % m) * (n + 1) + j;
+        let cells = (0..m).flat_map(|i| (0..n).map(move |j| (i, j)));
+        let triangles = cells
+            .flat_map(|(i, j)| {
+                let [a, b, c, d] = [v(i, j), v(i + 1, j), v(i + 1, j + 1), v(i, j + 1)];
+                // Diagonals in turn, so that no direction is favoured.
+                if (i + j) % 2 == 0 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
+            })
+            .collect();
+        Surface::new(&Mesh::new(positions, triangles).unwrap())
+    }
+
+    #[test]
+    fn spheres_and_cylinders_have_their_curvature() {
+        let sphere = grid(160, 80, |u, v| {
+            let (a, b) = (TAU * u, PI * (0.1 + 0.8 * v));
+            2.0 * DVec3::new(a.cos() * b.sin(), a.sin() * b.sin(), b.cos())
+        });
+        let cylinder =
+            grid(160, 80, |u, v| DVec3::new(2.0 * (TAU * u).cos(), 2.0 * (TAU * u).sin(), 6.0 * v));
+        for (surface, expected) in [(&sphere, 0.5), (&cylinder, 0.25)] {
+            let shape = Shape::new(surface);
+            let curvatures = mean_curvatures(&shape, 0.5);
+            // Away from the borders.
+            let inner = surface.positions.iter().zip(&curvatures);
+            let middle = if expected < 0.3 { 3.0 } else { 0.0 };
+            let inner: Vec<f64> =
+                inner.filter(|(p, _)| (p.z - middle).abs() < 0.8).map(|(_, c)| *c).collect();
+            let mean = inner.iter().sum::<f64>() / inner.len() as f64;
+            assert!((mean / expected - 1.0).abs() < 0.08, "{mean} for {expected}");
+        }
+    }
+
+    #[test]
+    fn eigenvalues_are_those_of_the_matrix() {
+        let turn = DMat3::from_euler(glam::EulerRot::XYZ, 0.4, -1.2, 2.0);
+        let m = turn * DMat3::from_diagonal(DVec3::new(3.0, -1.0, 0.5)) * turn.transpose();
+        let mut values = eigenvalues(&m);
+        values.sort_unstable_by(f64::total_cmp);
+        for (value, expected) in values.iter().zip([-1.0, 0.5, 3.0]) {
+            assert!((value - expected).abs() < 1e-12, "{values:?}");
+        }
+    }
+}
