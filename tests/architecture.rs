@@ -25,6 +25,7 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("jobs", &[]),
     (
         "service",
+        // Of the lab, the model of what a mark will survive.
         &[
             "blobs",
             "config",
@@ -35,6 +36,9 @@ const MAY_SEE: &[(&str, &[&str])] = &[
             "mesh",
             "recognition",
             "registration",
+            "lab",
+            "marking",
+            "mesh",
             "registry",
             "watermark",
         ],

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
+use crate::lab::expected::Expected;
 use crate::registry::{Page, Quality, Record};
 use crate::service::{Depth, Inspected};
 
@@ -278,10 +279,26 @@ pub(super) struct InspectionBody {
     /// Decimal logarithm of the best false-positive bound that a mark can reach before
     /// hypotheses are counted.
     best_log10_fp: f64,
+    /// What a mark of this method, strength and size is expected to survive: the bound after each
+    /// of a series of attacks. Empty where no mark can be tried.
+    expected: Vec<ExpectedBody>,
+}
+
+/// What is expected of a mark after an attack, by a model fitted to measurements.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Expected)]
+pub(super) struct ExpectedBody {
+    /// The attack and its strength.
+    attack: &'static str,
+    /// Decimal logarithm of the false-positive bound, read without the host, for one record.
+    log10_fp: f64,
+    /// Root mean square error of that number on meshes that the model was not fitted to.
+    error: f64,
 }
 
 impl From<Inspected> for InspectionBody {
-    fn from(Inspected { sha256, bytes, inspection }: Inspected) -> Self {
+    fn from(Inspected { sha256, bytes, inspection, expected }: Inspected) -> Self {
+        let body = |Expected { attack, log10_fp, error }| ExpectedBody { attack, log10_fp, error };
         Self {
             sha256: hex::encode(sha256),
             bytes,
@@ -301,6 +318,7 @@ impl From<Inspected> for InspectionBody {
             markable: inspection.markable,
             expected_margin: inspection.expected_margin,
             best_log10_fp: inspection.best_log10_fp,
+            expected: expected.into_iter().map(body).collect(),
         }
     }
 }

@@ -7,7 +7,7 @@ use crate::watermark::{Codeword, Frame, Modulation, Suspect, WatermarkError};
 
 /// Samples on edges, and in triangles, for the distance of an attacked mesh. Fewer than for marks:
 /// damage of whole percents needs no third digit.
-const SAMPLES: usize = 100_000;
+const SAMPLES: usize = 20_000;
 
 /// How well a suspect agrees with the mark that it should carry.
 #[derive(Debug, Clone, Copy, PartialEq)]

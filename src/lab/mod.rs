@@ -9,6 +9,7 @@
 //! texts go out.
 
 pub mod attacks;
+pub mod expected;
 pub mod grid;
 pub mod measures;
 pub mod perceived;

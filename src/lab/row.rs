@@ -59,9 +59,9 @@ pub struct Row {
     pub log10_bound: Option<f64>,
     /// The same in the host's frame.
     pub log10_bound_in_place: Option<f64>,
-    /// MRMS of the attacked mesh from the host; measured in the first trial.
+    /// MRMS of the attacked mesh from the host; measured in the first trial of the first mark.
     pub attacked_mrms: Option<f64>,
-    /// Hausdorff distance of the attacked mesh from the host; measured in the first trial.
+    /// Hausdorff distance of the attacked mesh from the host, likewise.
     pub attacked_hausdorff: Option<f64>,
     /// Why there is nothing to tell.
     pub error: Option<String>,

@@ -70,6 +70,9 @@ pub struct Watch<'a> {
 /// What making a mark costs, in attacks; roughly, for the estimate of the time left.
 const COST_OF_MARK: f64 = 4.0;
 
+/// What measuring the distance of an attacked mesh costs, likewise.
+const COST_OF_DAMAGE: f64 = 3.0;
+
 impl Plan<'_> {
     /// All trials. The first trial of everything comes first, then the second: a run that is ended
     /// early has some of each.
@@ -83,7 +86,7 @@ impl Plan<'_> {
                         break;
                     }
                     let attacks = experiment.attacks.as_slice();
-                    all.extend(experiment.settings.iter().map(|&setting| Trial {
+                    all.extend(experiment.settings.iter().enumerate().map(|(k, &setting)| Trial {
                         experiment: experiment.name,
                         subject,
                         number,
@@ -91,6 +94,7 @@ impl Plan<'_> {
                         attacks,
                         trial,
                         seed: self.seed,
+                        damage: trial == 0 && k == 0,
                     }));
                 }
             }
@@ -105,7 +109,8 @@ impl Plan<'_> {
         let all = self.all();
         let cost = |trial: &Trial<'_>| {
             let vertices = trial.subject.asset.mesh().positions().len() as f64;
-            vertices * (COST_OF_MARK + trial.attacks.len() as f64)
+            let attack = if trial.damage { 1.0 + COST_OF_DAMAGE } else { 1.0 };
+            vertices * (COST_OF_MARK + attack * trial.attacks.len() as f64)
         };
         let total: f64 = all.iter().map(cost).sum();
         let passed = Mutex::new((0, 0.0));

@@ -30,6 +30,9 @@ pub struct Trial<'a> {
     pub trial: usize,
     /// Seed of the whole run.
     pub seed: u64,
+    /// Whether the distance of the attacked meshes from the host is measured: it takes long and
+    /// hardly differs between marks.
+    pub damage: bool,
 }
 
 /// A marked mesh and its key.
@@ -139,7 +142,7 @@ impl Trial<'_> {
             Err(error) => return Row { error: Some(error), ..row },
         };
         let modulation = self.setting.method.modulation();
-        let measured = self.measures_all() && attack != Attack::Similarity;
+        let measured = self.damage && attack != Attack::Similarity;
         let damage = measured.then(|| damage(&self.subject.surface, &attacked)).flatten();
         match detect(&attacked, &marked.codeword, modulation, &marked.frame) {
             Ok(found) => filled(row, &found, damage),
@@ -147,14 +150,9 @@ impl Trial<'_> {
         }
     }
 
-    /// Whether this trial measures what takes long and hardly differs between trials.
-    fn measures_all(&self) -> bool {
-        self.trial == 0
-    }
-
+    /// How visible the mark is; of the first trial, since it takes long and hardly differs.
     fn perceived(&self, mesh: &Mesh) -> Option<f64> {
-        let measured =
-            self.measures_all().then(|| msdm2(&self.subject.surface, &Surface::new(mesh)));
+        let measured = (self.trial == 0).then(|| msdm2(&self.subject.surface, &Surface::new(mesh)));
         measured.flatten()
     }
 

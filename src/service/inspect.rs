@@ -1,6 +1,7 @@
 //! Inspect: what a file is and how well it can carry a mark. Registers nothing.
 
 use super::{Service, ServiceError, Spooled};
+use crate::lab::expected::{Expected, expected};
 use crate::marking::{Inspection, inspect};
 use crate::watermark::EmbedParams;
 
@@ -13,6 +14,8 @@ pub struct Inspected {
     pub bytes: u64,
     /// What the core says.
     pub inspection: Inspection,
+    /// What a mark is expected to survive.
+    pub expected: Vec<Expected>,
 }
 
 impl Service {
@@ -29,6 +32,7 @@ impl Service {
         let (sha256, bytes) = (file.sha256, file.bytes);
         let inspection =
             self.run(bytes, move |_| Ok(inspect(&file.read()?, &params, &limits)?)).await?;
-        Ok(Inspected { sha256, bytes, inspection })
+        let expected = expected(&inspection, &params);
+        Ok(Inspected { sha256, bytes, inspection, expected })
     }
 }

@@ -112,6 +112,7 @@ fn shown_trials<'a>(plan: &Plan<'a>, number: usize, subject: &'a Subject) -> Vec
                 attacks: &experiment.attacks,
                 trial: 0,
                 seed: plan.seed,
+                damage: false,
             });
         }
     }

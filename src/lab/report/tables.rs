@@ -184,6 +184,7 @@ fn matrix(
         row.extend(marks.iter().map(|mark| {
             own().find(|g| label(g, groups) == *mark).map_or_else(Cell::default, |g| cell(g))
         }));
+        // The first of the marks stands for all.
         row.extend(own().take(1).flat_map(|g| extra(g)).map(Cell::plain));
         row
     };

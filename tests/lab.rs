@@ -1,0 +1,65 @@
+//! `quadmark lab` as a user runs it: files in a folder, and what a Ctrl-C leaves.
+#![expect(clippy::unwrap_used, reason = "test helpers")]
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+fn quadmark() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_quadmark"))
+}
+
+fn sample(folder: &Path) {
+    let made = quadmark()
+        .args(["sample", "blob", "--vertices", "3000", "-o"])
+        .arg(folder.join("blob.obj"))
+        .status();
+    assert!(made.unwrap().success());
+}
+
+fn lab(folder: &Path, trials: &str) -> Command {
+    let mut command = quadmark();
+    command.arg("lab").arg(folder.join("blob.obj")).arg("--out").arg(folder.join("out"));
+    command.args(["--bits", "16", "--trials", trials, "--seed", "3"]);
+    command
+}
+
+#[test]
+fn a_run_leaves_rows_a_summary_and_a_page_that_stands_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    sample(folder.path());
+    assert!(lab(folder.path(), "1").output().unwrap().status.success());
+    let read = |name: &str| fs::read_to_string(folder.path().join("out").join(name)).unwrap();
+    let rows = read("results.csv");
+    let lines = rows.lines().count();
+    assert!(lines > 15, "{rows}");
+    let summary: serde_json::Value = serde_json::from_str(&read("summary.json")).unwrap();
+    assert_eq!(summary["complete"], true);
+    assert_eq!(summary["groups"].as_array().unwrap().len(), lines - 1);
+    let page = read("report.html");
+    assert!(page.contains("What the marks survive: blob") && page.contains("data:image/png"));
+    for outside in ["src=\"http", "href=", "<script", "@import", "url("] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    assert!(lab(folder.path(), "1").output().unwrap().status.success());
+    assert!(rows == read("results.csv"), "the same seed gives the same rows");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_keeps_what_is_done() {
+    let folder = tempfile::tempdir().unwrap();
+    sample(folder.path());
+    let mut running = lab(folder.path(), "100000").stderr(Stdio::null()).spawn().unwrap();
+    std::thread::sleep(Duration::from_secs(4));
+    let interrupted = Command::new("kill").args(["-INT", &running.id().to_string()]).status();
+    assert!(interrupted.unwrap().success());
+    assert!(running.wait().unwrap().success());
+    let out = folder.path().join("out");
+    let summary = fs::read(out.join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
+    assert_eq!(summary["complete"], false);
+    assert!(fs::read_to_string(out.join("results.csv")).unwrap().lines().count() > 15);
+    assert!(out.join("report.html").exists());
+}
