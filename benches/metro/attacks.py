@@ -93,7 +93,9 @@ def main():
     print(f"{'mesh':18} {'attack':20} {'triangles':>9} {'MeshLab':>9}   "
           f"{'ours-theirs':>11} {'ours-host':>9} {'theirs-host':>11}  (MRMS, % of the diagonal)")
     for mesh in options.meshes:
-        host = load(mesh).current_mesh()
+        # A mesh lives as long as its set.
+        before = load(mesh)
+        host = before.current_mesh()
         for family, amounts, theirs in ATTACKS:
             with tempfile.TemporaryDirectory() as folder:
                 out = pathlib.Path(folder) / "ours.obj"
