@@ -150,9 +150,13 @@ fn the_report_stands_alone_and_shows_each_mesh() {
         galleries: &galleries,
     };
     let page = report.html();
-    for part in
-        ["Table 1 of the paper", "Table 2 of the paper", "Figure 5, blob", "Figure 10a, blob"]
-    {
+    for part in [
+        "Table 1 of the paper",
+        "Table 2 of the paper",
+        "What the paper's text says",
+        "Figure 5, blob",
+        "Figure 10a, blob",
+    ] {
         assert!(page.contains(part), "{part}");
     }
     // Host, two methods, and noise on the first.

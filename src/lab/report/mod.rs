@@ -3,6 +3,7 @@
 //!
 //! Must not decide what is run nor write files.
 
+mod claims;
 mod figures;
 mod paper;
 mod picture;
