@@ -200,6 +200,7 @@ impl fmt::Display for Attack {
             Self::Similarity => f.write_str("moved, turned, scaled"),
             Self::Reorder => f.write_str("reordered"),
             Self::StrayVertices(count) => write!(f, "{count} stray vertices"),
+            Self::Spikes { count: 1, height } => write!(f, "1 spike of {} %", percent(height)),
             Self::Spikes { count, height } => write!(f, "{count} spikes of {} %", percent(height)),
             Self::Collude(copies) => write!(f, "mean of {copies} copies"),
             Self::ReMark => f.write_str("marked again"),
