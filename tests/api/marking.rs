@@ -250,6 +250,10 @@ async fn inspection_registers_nothing() {
     let found: Value = response.json().await.unwrap();
     assert_eq!((&found["format"], &found["bits"]), (&"obj".into(), &32.into()));
     assert!(found["vertices"].as_u64().unwrap() > 5_000, "{found}");
+    let expected = found["expected"].as_array().unwrap();
+    assert_eq!(expected[0]["attack"], "no attack");
+    assert!(expected[0]["log10_fp"].as_f64().unwrap() < -8.0, "{found}");
+    assert!(expected.len() > 15 && expected.iter().all(|e| e["error"].as_f64().unwrap() > 0.0));
     server.assert_empty("an inspection").await;
 }
 
