@@ -25,7 +25,7 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("jobs", &[]),
     (
         "service",
-        // Of the lab, the model of what a mark will survive.
+        // Of the lab, only the model of what a mark will survive.
         &[
             "blobs",
             "config",

@@ -43,7 +43,7 @@ pub struct Report<'a> {
 }
 
 /// Colours and sizes; light, since the renderings are.
-const STYLE: &str = "body{font:15px/1.45 sans-serif;color:#222;background:#fff;max-width:1200px;\
+const STYLE: &str = "body{font:15px/1.45 sans-serif;color:#222;background:#fff;max-width:1500px;\
     margin:2em auto;padding:0 1em}h1{font-size:1.5em}h2{margin-top:2em;border-bottom:1px solid \
     #ccc}table{border-collapse:collapse;font-size:13px}td,th{border:1px solid #ccc;padding:3px \
     7px;text-align:left;white-space:nowrap}th{background:#f3f3f3}.wide{overflow-x:auto}.note{\
