@@ -3,7 +3,7 @@
 use crate::mesh::Mesh;
 use crate::mesh::distortion::distortion;
 use crate::mesh::surface::Surface;
-use crate::watermark::{Codeword, Frame, Modulation, Suspect, WatermarkError};
+use crate::watermark::{Codeword, Frame, Modulation, SoftBits, Suspect, WatermarkError};
 
 /// Samples on edges, and in triangles, for the distance of an attacked mesh. Fewer than for marks:
 /// damage of whole percents needs no third digit.
@@ -36,14 +36,15 @@ pub fn detect(
     host_frame: &Frame,
 ) -> Result<Detection, WatermarkError> {
     let bits = codeword.bit_count();
-    let read = |suspect: &Suspect| {
-        let soft = suspect.read(codeword.lattice_class(), bits, modulation);
+    let class = codeword.lattice_class();
+    let scored = |soft: SoftBits| {
         let score = soft.score(codeword);
         (score, soft.log10_bound(score.t))
     };
-    let blind = Suspect::new(suspect)?;
-    let (score, log10_bound) = read(&blind);
-    let (_, log10_bound_in_place) = read(&blind.in_frame(host_frame));
+    let suspect = Suspect::new(suspect)?;
+    let (score, log10_bound) = scored(suspect.read(class, bits, modulation));
+    let in_place = suspect.read_in(host_frame, class, bits, modulation);
+    let (_, log10_bound_in_place) = scored(in_place);
     Ok(Detection {
         right: score.bits_agreeing,
         wrong: score.bits_read - score.bits_agreeing,

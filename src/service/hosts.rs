@@ -94,11 +94,11 @@ impl Hosts {
                 listed.push(key);
             }
         };
-        parts.iter().filter(|hit| hit.hits >= LEAST_HITS).take(most.div_ceil(2)).for_each(|hit| {
-            list(hit.id);
-        });
-        outlines.iter().for_each(|likeness| list(likeness.id));
-        parts.iter().for_each(|hit| list(hit.id));
+        let telling = parts.iter().filter(|hit| hit.hits >= LEAST_HITS).take(most.div_ceil(2));
+        let ids = telling.map(|hit| hit.id).chain(outlines.iter().map(|likeness| likeness.id));
+        for id in ids.chain(parts.iter().map(|hit| hit.id)) {
+            list(id);
+        }
         listed
     }
 }

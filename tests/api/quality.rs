@@ -28,7 +28,10 @@ async fn the_answer_and_the_record_tell_what_the_mark_did() {
     assert!(mrms > 1e-6 && mrms < 1e-3, "{answered}");
     assert!(hausdorff > mrms && hausdorff <= number(&quality["max_displacement"]) * 1.001);
     assert!(number(&quality["normal_deviation_degrees"]) > 0.0 && quality["flipped"].is_u64());
-    assert_eq!((&quality["method_used"], &answered["strength"]), (&"qsp-mean".into(), &0.15.into()));
+    assert_eq!(
+        (&quality["method_used"], &answered["strength"]),
+        (&"qsp-mean".into(), &0.15.into())
+    );
     let path = format!("/v1/watermarks/{}", answered["id"].as_str().unwrap());
     assert_eq!(server.get_json(&path).await, answered);
     let server = server.restart().await;

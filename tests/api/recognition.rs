@@ -29,12 +29,12 @@ fn vertices(file: &[u8]) -> Vec<[f64; 3]> {
     text.lines().filter_map(|line| line.strip_prefix("v ")).map(numbers).collect()
 }
 
-/// The faces on one side of a plane that leaves this share of the vertices.
-fn part(file: &[u8], share: f64) -> Vec<u8> {
+/// The faces on one side of a plane that leaves so many percent of the vertices.
+fn part(file: &[u8], percent: usize) -> Vec<u8> {
     let along: Vec<f64> = vertices(file).iter().map(|[x, y, z]| x + 0.6 * y - 0.3 * z).collect();
     let mut sorted = along.clone();
     sorted.sort_by(f64::total_cmp);
-    let plane = sorted[(sorted.len() as f64 * share) as usize];
+    let plane = sorted[sorted.len() * percent / 100];
     let inside = |corner: &str| {
         along[corner.split('/').next().unwrap().parse::<usize>().unwrap() - 1] < plane
     };
@@ -81,7 +81,7 @@ async fn parts_and_wrecks_are_recognised_without_being_named_also_after_a_restar
     let (id, file) = server.mark(obj(), "acme").await;
     server.mark(other_obj(), "other").await;
     for restarted in [false, true] {
-        let half = part(&file, 0.5);
+        let half = part(&file, 50);
         assert_found(&server.verify(file_form(&half)).await, &id, "in_place", "half, in place");
         let gone = moved(&half);
         let verdict = server.verify(file_form(&gone)).await;
@@ -105,15 +105,15 @@ async fn hosts_under_attack_and_revoked_marks_do_not_match() {
     let (id, file) = server.mark(obj(), "acme").await;
     for (what, suspect) in [
         ("the host", obj().to_vec()),
-        ("half of it", part(obj(), 0.5)),
-        ("half of it, moved", moved(&part(obj(), 0.5))),
+        ("half of it", part(obj(), 50)),
+        ("half of it, moved", moved(&part(obj(), 50))),
         ("its noisy copy", noisy(obj(), 0.02)),
-        ("another shape's half", part(other_obj(), 0.5)),
+        ("another shape's half", part(other_obj(), 50)),
     ] {
         let verdict = server.verify(file_form(&suspect).text("depth", "exhaustive")).await;
         assert_eq!(verdict["verdict"], "no_match", "{what}: {verdict}");
     }
-    let half = moved(&part(&file, 0.5));
+    let half = moved(&part(&file, 50));
     assert_eq!(server.verify(file_form(&half)).await["verdict"], "match");
     let path = server.url(&format!("/v1/watermarks/{id}"));
     assert!(server.client.delete(path).send().await.unwrap().status().is_success());
