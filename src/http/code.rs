@@ -49,6 +49,7 @@ codes! {
     IdempotencyConflict = CONFLICT, "idempotency_conflict", "The key stands for another request";
     IdempotencyInProgress = CONFLICT, "idempotency_in_progress", "The same request is being worked on";
     CannotRemake = CONFLICT, "cannot_remake", "The marked file cannot be made again";
+    AlreadyMarked = CONFLICT, "already_marked", "The file already carries a registered mark";
     TooLarge = PAYLOAD_TOO_LARGE, "too_large", "The upload is too large";
     UnsupportedMediaType = UNSUPPORTED_MEDIA_TYPE, "unsupported_media_type",
         "The content type cannot be used";

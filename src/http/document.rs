@@ -35,6 +35,7 @@ use crate::service::Verification;
         Verification,
         wire::WatermarkBody,
         wire::QualityBody,
+        wire::ExistingMarkBody,
         wire::WatermarkPageBody,
         wire::InspectionBody,
         wire::HealthBody,

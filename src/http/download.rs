@@ -3,17 +3,26 @@
 use std::fmt::Write;
 
 use axum::body::Body;
-use axum::http::{HeaderValue, header};
+use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::Response;
 use bytes::Bytes;
 
 use crate::registry::Record;
+
+const EXISTING: HeaderName = HeaderName::from_static("quadmark-existing-marks");
 
 /// Characters of the stem of a file name at most.
 const LONGEST_STEM: usize = 100;
 
 pub(super) fn etag(record: &Record) -> String {
     format!("\"{}\"", hex::encode(record.marked_sha256))
+}
+
+/// Ids of the marks that the host already carried; none where there are none.
+fn existing_marks(record: &Record) -> Option<String> {
+    let marks = record.existing_marks.as_deref().filter(|marks| !marks.is_empty())?;
+    let ids: Vec<String> = marks.iter().map(|mark| mark.watermark_id.to_string()).collect();
+    Some(ids.join(","))
 }
 
 pub(super) fn answer_file(record: &Record, bytes: Bytes) -> Response {
@@ -27,6 +36,11 @@ pub(super) fn answer_file(record: &Record, bytes: Bytes) -> Response {
         if let Ok(value) = HeaderValue::try_from(value) {
             headers.insert(name, value);
         }
+    }
+    if let Some(ids) = existing_marks(record)
+        && let Ok(ids) = HeaderValue::try_from(ids)
+    {
+        headers.insert(EXISTING, ids);
     }
     response
 }

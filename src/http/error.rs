@@ -119,6 +119,7 @@ impl From<ServiceError> for ApiError {
             ServiceError::IdempotencyConflict => Code::IdempotencyConflict,
             ServiceError::IdempotencyInProgress => Code::IdempotencyInProgress,
             ServiceError::CannotRemake(_) => Code::CannotRemake,
+            ServiceError::AlreadyMarked(_) => Code::AlreadyMarked,
             ServiceError::Job(JobError::Busy { .. }) => Code::Busy,
             ServiceError::Job(JobError::DeadlinePassed) => Code::DeadlineExceeded,
             ServiceError::Job(JobError::ShuttingDown) => Code::ShuttingDown,

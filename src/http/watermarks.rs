@@ -28,6 +28,7 @@ const FIELDS: &[&str] = &[
     "payload",
     "keep_file",
     "keep_host",
+    "on_existing",
 ];
 const REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
 const DEFAULT_PAGE: u32 = 50;
@@ -47,6 +48,8 @@ const DEFAULT_PAGE: u32 = 50;
             content((Vec<u8> = "model/obj"), (Vec<u8> = "model/gltf-binary"),
                 (Vec<u8> = "model/gltf+json"), (WatermarkBody = "application/json")),
             headers(("Quadmark-Watermark-Id" = String, description = "Id of the record"),
+                ("Quadmark-Existing-Marks" = Option<String>, description =
+                    "Ids of the marks that the host already carried, separated by commas"),
                 ("Location" = String, description = "URL of the record"))),
         (status = "default", description = "An error, by its code", body = ProblemBody,
             content_type = "application/problem+json"),
@@ -71,6 +74,7 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
         })?,
         keep_file: fields.flag("keep_file", config.keep_files)?,
         keep_host: fields.flag("keep_host", config.keep_host)?,
+        on_existing: fields.parsed("on_existing", str::parse)?.unwrap_or_default(),
         idempotency_key,
     };
     if wants_json && !request.keep_file {

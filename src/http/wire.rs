@@ -7,8 +7,8 @@ use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
 use crate::lab::expected::Expected;
-use crate::registry::{Page, Quality, Record};
-use crate::service::{Depth, Inspected};
+use crate::registry::{ExistingMark, Page, Quality, Record};
+use crate::service::{Depth, Inspected, OnExisting};
 
 /// A registered mark.
 #[derive(Debug, Serialize, ToSchema)]
@@ -56,6 +56,9 @@ pub(super) struct WatermarkBody {
     usable_bins: u32,
     /// What the mark did to the mesh; null in records of before it was measured.
     quality: Option<QualityBody>,
+    /// Registered marks that the host already carried, best first; null where nobody looked
+    /// (`on_existing=allow`, records of before hosts were looked at).
+    existing_marks: Option<Vec<ExistingMarkBody>>,
     /// Where the marked file can be fetched again; null when it was not kept.
     file_url: Option<String>,
     /// Whether the host's geometry was kept.
@@ -87,6 +90,26 @@ pub(super) struct QualityBody {
     method_used: String,
 }
 
+/// A registered mark that a host already carried.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ExistingMark)]
+pub(super) struct ExistingMarkBody {
+    /// Its record.
+    #[schema(value_type = String, format = "uuid")]
+    watermark_id: Uuid,
+    /// Whose mark it is.
+    owner_id: String,
+    /// log10 of the bound on the probability that a file without it looks so much like it.
+    log10_fp: f64,
+}
+
+impl From<ExistingMark> for ExistingMarkBody {
+    fn from(mark: ExistingMark) -> Self {
+        let ExistingMark { watermark_id, owner_id, log10_fp } = mark;
+        Self { watermark_id, owner_id, log10_fp }
+    }
+}
+
 impl From<Quality> for QualityBody {
     fn from(quality: Quality) -> Self {
         Self {
@@ -102,6 +125,7 @@ impl From<Quality> for QualityBody {
 
 impl From<Record> for WatermarkBody {
     fn from(record: Record) -> Self {
+        let existing = record.existing_marks;
         let file_url = record.file_kept.then(|| format!("/v1/watermarks/{}/file", record.id));
         Self {
             id: record.id,
@@ -124,6 +148,8 @@ impl From<Record> for WatermarkBody {
             triangles: record.triangles,
             usable_bins: record.usable_bins,
             quality: record.quality.map(QualityBody::from),
+            existing_marks: existing
+                .map(|all| all.into_iter().map(ExistingMarkBody::from).collect()),
             file_url,
             host_kept: record.host_kept,
             created_at: record.created_at,
@@ -200,6 +226,11 @@ pub(super) struct EmbedForm {
     keep_file: Option<bool>,
     /// Keep the host's geometry; detectors that compare with it need it.
     keep_host: Option<bool>,
+    /// What to do when the file already carries a registered mark: `reject` (409), `warn` (by
+    /// default: the record and the header Quadmark-Existing-Marks name the marks found) or `allow`
+    /// (does not look).
+    #[schema(value_type = Option<String>, example = "warn")]
+    on_existing: Option<OnExisting>,
 }
 
 /// The form of `POST /v1/verifications`.

@@ -14,7 +14,7 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 pub use record::{
-    Cursor, Filter, HostSketch, IdempotencyEntry, MarkSource, Page, Quality, Record,
+    Cursor, ExistingMark, Filter, HostSketch, IdempotencyEntry, MarkSource, Page, Quality, Record,
     StoredVerification,
 };
 pub use sqlite::Sqlite;

@@ -58,6 +58,8 @@ pub struct Record {
     pub usable_bins: u32,
     /// What the mark did to the mesh; records of before it was measured have none.
     pub quality: Option<Quality>,
+    /// Marks that the host carried, best first; none where nobody looked.
+    pub existing_marks: Option<Vec<ExistingMark>>,
     /// The marked file is in the blob store.
     pub file_kept: bool,
     /// The host's geometry is in the blob store.
@@ -129,6 +131,17 @@ pub struct Quality {
     pub flipped: u64,
     /// The method that chose the positions, where the one asked for did not settle.
     pub method_used: String,
+}
+
+/// A mark that a host carried before it was marked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ExistingMark {
+    /// Its record.
+    pub watermark_id: Uuid,
+    /// Whose mark it is.
+    pub owner_id: String,
+    /// log10 of the bound that it was found by.
+    pub log10_fp: f64,
 }
 
 /// Which records a page shows.

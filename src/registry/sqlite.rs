@@ -401,12 +401,13 @@ mod tests {
     #[tokio::test]
     async fn a_registry_of_the_first_release_is_brought_up_to_date() {
         let directory = tempfile::tempdir().unwrap();
-        let record = Record { quality: None, ..sample_record() };
+        let record = Record { quality: None, existing_marks: None, ..sample_record() };
         let registry = Sqlite::open(directory.path()).await.unwrap();
         registry.register(&record, None).await.unwrap();
         for statement in [
             "ALTER TABLE watermarks DROP COLUMN quality",
-            "DELETE FROM _sqlx_migrations WHERE version = 2",
+            "ALTER TABLE watermarks DROP COLUMN existing_marks",
+            "DELETE FROM _sqlx_migrations WHERE version > 1",
         ] {
             sqlx::query(statement).execute(&registry.writer).await.unwrap();
         }

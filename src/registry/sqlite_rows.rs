@@ -7,6 +7,7 @@ use std::fmt::Display;
 
 use glam::DVec3;
 use jiff::Timestamp;
+use serde::de::DeserializeOwned;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
@@ -30,13 +31,15 @@ pub(super) async fn insert_record(
 ) -> Result<(), RegistryError> {
     let quality = record.quality.as_ref().map(serde_json::to_string).transpose();
     let quality = quality.map_err(|_| bad_row(&record.id, "quality"))?;
+    let existing = record.existing_marks.as_ref().map(serde_json::to_string).transpose();
+    let existing = existing.map_err(|_| bad_row(&record.id, "existing_marks"))?;
     let whole = |count: u64, column| i64::try_from(count).map_err(|_| bad_row(&record.id, column));
     sqlx::query(
         "INSERT INTO watermarks (id, owner_id, recipient, label, method, scheme, strength, bits,
              key_id, salt, message, payload, centre_x, centre_y, centre_z, rho_min, rho_max,
              host_sha256, marked_sha256, marked_bytes, format, file_name, vertices, triangles,
-             usable_bins, file_kept, host_kept, created_at, revoked_at, quality)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+             usable_bins, file_kept, host_kept, created_at, revoked_at, quality, existing_marks)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(record.id.to_string())
     .bind(&record.owner_id)
@@ -68,6 +71,7 @@ pub(super) async fn insert_record(
     .bind(record.created_at.as_microsecond())
     .bind(record.revoked_at.map(Timestamp::as_microsecond))
     .bind(quality)
+    .bind(existing)
     .execute(connection)
     .await?;
     Ok(())
@@ -100,12 +104,6 @@ pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> 
     let bits = u32::try_from(unsigned("bits")?).map_err(|_| bad("bits"))?;
     let format: String = row.try_get("format")?;
     let method: String = row.try_get("method")?;
-    let quality = match row.try_get::<Option<String>, _>("quality") {
-        // Read beside the service of an earlier release, which has not added the column.
-        Err(sqlx::Error::ColumnNotFound(_)) => None,
-        found => found?,
-    };
-    let quality = quality.as_deref().map(serde_json::from_str).transpose();
     Ok(Record {
         id: id_text.parse().map_err(|_| bad("id"))?,
         owner_id: row.try_get("owner_id")?,
@@ -136,7 +134,8 @@ pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> 
         vertices: unsigned("vertices")?,
         triangles: unsigned("triangles")?,
         usable_bins: u32::try_from(unsigned("usable_bins")?).map_err(|_| bad("usable_bins"))?,
-        quality: quality.map_err(|_| bad("quality"))?,
+        quality: json(row, "quality", &id_text)?,
+        existing_marks: json(row, "existing_marks", &id_text)?,
         file_kept: row.try_get("file_kept")?,
         host_kept: row.try_get("host_kept")?,
         created_at: time(row.try_get("created_at")?, "created_at")?,
@@ -145,6 +144,20 @@ pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> 
             .map(|at| time(at, "revoked_at"))
             .transpose()?,
     })
+}
+
+/// The JSON of a column that the first release did not have.
+fn json<T: DeserializeOwned>(
+    row: &SqliteRow,
+    column: &str,
+    id: &str,
+) -> Result<Option<T>, RegistryError> {
+    let text = match row.try_get::<Option<String>, _>(column) {
+        // Read beside the service of an earlier release, which has not added the column.
+        Err(sqlx::Error::ColumnNotFound(_)) => None,
+        found => found?,
+    };
+    text.as_deref().map(serde_json::from_str).transpose().map_err(|_| bad_row(&id, column))
 }
 
 fn format_from_name(name: &str) -> Option<Format> {
@@ -188,6 +201,11 @@ pub(crate) fn sample_record() -> Record {
             flipped: 1 << 40,
             method_used: "qsp-mean".to_owned(),
         }),
+        existing_marks: Some(vec![super::ExistingMark {
+            watermark_id: uuid::Uuid::nil(),
+            owner_id: "other".to_owned(),
+            log10_fp: -1.0 / 3.0,
+        }]),
         file_kept: true,
         host_kept: false,
         created_at: Timestamp::from_microsecond(1_790_000_000_123_456).unwrap(),

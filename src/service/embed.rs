@@ -1,6 +1,6 @@
 //! Embed: mark a host, register the mark, hand out the file.
 //!
-//! The order of work: mark and check (pool), blobs, one registry transaction, index, answer. What
+//! The order of work: look for marks, mark and check (pool), blobs, one registry transaction, index, answer. What
 //! fails after the blobs removes them; what a crash leaves there is swept at the next start. The
 //! work is a task of its own: a client that hangs up leaves a whole record or none.
 
@@ -11,9 +11,10 @@ use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
+use super::existing::Seen;
 use super::known::mark_key;
 use super::register::KeptHost;
-use super::{Service, ServiceError, Spooled, Text, idempotency};
+use super::{OnExisting, Service, ServiceError, Spooled, Text, idempotency};
 use crate::blobs::{Kind, geometry};
 use crate::formats::Format;
 use crate::keys::random_bytes;
@@ -52,6 +53,8 @@ pub struct EmbedRequest {
     pub keep_file: bool,
     /// Keep the host's geometry.
     pub keep_host: bool,
+    /// What to do when the host already carries a registered mark.
+    pub on_existing: OnExisting,
     /// The caller's key for retries.
     pub idempotency_key: Option<String>,
 }
@@ -79,6 +82,8 @@ struct Done {
     usable_bins: u32,
     strength: Strength,
     quality: Quality,
+    /// Marks that the host carried; none where nobody looked.
+    existing: Option<Vec<Seen>>,
 }
 
 /// How strongly to mark.
@@ -147,8 +152,13 @@ impl Service {
         };
         let (method, bits) = (request.method, request.bits);
         let message_bytes = message.to_bytes();
-        let keep_host = request.keep_host;
-        let done = self.mark(request.file, key, message, (method, bits, force), keep_host).await?;
+        let (keep_host, on_existing) = (request.keep_host, request.on_existing);
+        let how = (method, bits, force);
+        let done = self.mark(request.file, key, message, how, keep_host, on_existing).await?;
+        let existing_marks = match &done.existing {
+            Some(seen) => Some(self.owned(seen).await?),
+            None => None,
+        };
         let record = Record {
             id,
             owner_id,
@@ -172,6 +182,7 @@ impl Service {
             triangles: done.triangles,
             usable_bins: done.usable_bins,
             quality: Some(done.quality),
+            existing_marks,
             file_kept: request.keep_file,
             host_kept: done.host.is_some(),
             // Whole microseconds: what the registry keeps.
@@ -184,12 +195,13 @@ impl Service {
     }
 
     async fn mark(
-        &self,
+        self: &Arc<Self>,
         mut file: Spooled,
         key: MarkKey,
         message: Message,
         (method, bits, force): (Method, BitCount, Force),
         keep_host: bool,
+        on_existing: OnExisting,
     ) -> Result<Done, ServiceError> {
         let limits = self.config.limits;
         let independent_check_max_bytes = self.config.independent_check_max_bytes;
@@ -199,8 +211,12 @@ impl Service {
             Force::Within(_, strongest) if strongest < Strength::default() => strongest,
             Force::Within(..) => Strength::default(),
         };
+        let service = self.clone();
         self.run(file.bytes, move |stop| {
             let host_bytes = file.read()?;
+            let look = on_existing != OnExisting::Allow;
+            let existing = look.then(|| service.marks_on(&host_bytes, stop)).transpose()?;
+            on_existing.permits(existing.as_deref().unwrap_or_default())?;
             let stop = || stop.now();
             let request = MarkRequest {
                 key: &key,
@@ -232,6 +248,7 @@ impl Service {
                 usable_bins,
                 strength: report.strength,
                 quality: quality_of(&report),
+                existing,
             })
         })
         .await
@@ -252,7 +269,7 @@ impl Service {
         let message = Message::from_bytes(&record.message, record.bits)?;
         let key = mark_key(&self.keys, &record.key_id, &record.salt, &record.owner_id)?;
         let how = (record.method, record.bits, Force::Exactly(record.strength));
-        let done = self.mark(request.file, key, message, how, false).await?;
+        let done = self.mark(request.file, key, message, how, false, OnExisting::Allow).await?;
         if done.marked_sha256 != record.marked_sha256 {
             return Err(ServiceError::CannotRemake(id));
         }

@@ -63,12 +63,24 @@ pub enum ServiceError {
          new Idempotency-Key"
     )]
     CannotRemake(Uuid),
+    /// The host already carries these marks, and the request wants none there.
+    #[error(
+        "the file already carries a registered mark ({}); mark its original, or send \
+         on_existing=warn to add a mark beside",
+        listed(.0)
+    )]
+    AlreadyMarked(Vec<Uuid>),
     /// The pool did not run the job.
     #[error(transparent)]
     Job(#[from] JobError),
     /// A bug or a broken machine: the text is for the log.
     #[error("{0}")]
     Internal(String),
+}
+
+/// Ids, one after the other.
+fn listed(ids: &[Uuid]) -> String {
+    ids.iter().map(Uuid::to_string).collect::<Vec<_>>().join(", ")
 }
 
 impl ServiceError {

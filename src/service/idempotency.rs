@@ -8,8 +8,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use sha2::{Digest, Sha256};
 
-use super::ServiceError;
 use super::embed::EmbedRequest;
+use super::{OnExisting, ServiceError};
 
 type Key = (String, String);
 
@@ -76,6 +76,10 @@ pub(super) fn fingerprint(request: &EmbedRequest) -> [u8; 32] {
     if let Some(limit) = request.max_distortion {
         part(Some(&limit.get().to_le_bytes()));
         part(Some(&[u8::from(request.strength.is_some())]));
+    }
+    // Likewise.
+    if request.on_existing != OnExisting::default() {
+        part(Some(request.on_existing.name().as_bytes()));
     }
     hash.finalize().into()
 }

@@ -5,6 +5,7 @@
 
 mod embed;
 mod error;
+mod existing;
 mod hosts;
 mod idempotency;
 mod inspect;
@@ -33,6 +34,7 @@ use crate::registry::{Registry, RegistryError, Sqlite};
 
 pub use embed::{EmbedRequest, Embedded};
 pub use error::ServiceError;
+pub use existing::OnExisting;
 pub use inspect::Inspected;
 pub use records::MarkedFile;
 pub use spool::{Spool, Spooled};

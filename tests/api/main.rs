@@ -7,6 +7,7 @@ mod adversarial;
 mod answers;
 mod binary;
 mod broken;
+mod existing;
 mod idempotency;
 mod marking;
 mod protocol;

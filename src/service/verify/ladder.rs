@@ -31,7 +31,6 @@ pub(super) struct Case<'a> {
     /// Their records, oldest first, when the request names some.
     pub(super) named: Option<&'a [Record]>,
     pub(super) keys: &'a KeyRing,
-    pub(super) depth: Depth,
     pub(super) stop: &'a Stop,
 }
 
@@ -90,13 +89,6 @@ pub(super) fn late_stages(depth: Depth) -> &'static [&'static dyn Stage] {
         Depth::Fast | Depth::Standard => &[],
         Depth::Exhaustive => &[&LatticeSearch::WIDE],
     }
-}
-
-/// Runs the stages of a depth one after the other until some record matches.
-pub(super) fn climb(case: &Case<'_>, thresholds: Thresholds) -> Result<Climbed, ServiceError> {
-    let mut climb = Climb::new(thresholds);
-    climb.run(case, stages(case.depth))?;
-    Ok(climb.finish())
 }
 
 /// A ladder on which somebody stands.

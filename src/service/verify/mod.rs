@@ -9,6 +9,7 @@
 mod at_home;
 mod blind;
 mod count;
+mod existing;
 mod homes;
 mod in_place;
 mod judge;
@@ -200,7 +201,7 @@ impl Service {
             }
         };
         let mut climb = Climb::new(self.thresholds());
-        let case = Case { suspect: &suspect, marks: &marks, named, keys: &self.keys, depth, stop };
+        let case = Case { suspect: &suspect, marks: &marks, named, keys: &self.keys, stop };
         climb.run(&case, ladder::stages(depth))?;
         let listed = if climb.is_open() && depth != Depth::Fast && !marks.is_empty() {
             self.shortlist(&suspect, named, depth)
@@ -237,7 +238,7 @@ impl Service {
                 let (keys, homes, hosts) = (&service.keys, &service.homes, hosts.as_slice());
                 Visit { mesh, suspect, marks, hosts, keys, homes, depth, stop }.run(&mut climb)?;
                 let named = named.as_ref().map(|records| records.as_slice());
-                let case = Case { suspect, marks, named, keys, depth, stop };
+                let case = Case { suspect, marks, named, keys, stop };
                 climb.run(&case, ladder::late_stages(depth))?;
                 Ok(climb)
             })

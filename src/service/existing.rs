@@ -1,0 +1,97 @@
+//! Marks that a host already carries: whose they are, and what a request wants done about them.
+//!
+//! Must not know how marks are found.
+
+use std::fmt;
+use std::str::FromStr;
+
+use uuid::Uuid;
+
+use super::{Service, ServiceError};
+use crate::registry::ExistingMark;
+
+/// What to do when the host already carries a registered mark.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum OnExisting {
+    /// Refuse.
+    Reject,
+    /// Mark it, and name the marks found in the answer and the record.
+    #[default]
+    Warn,
+    /// Do not look.
+    Allow,
+}
+
+impl OnExisting {
+    /// All of them, the strictest first.
+    pub const ALL: [Self; 3] = [Self::Reject, Self::Warn, Self::Allow];
+
+    /// Its name in requests.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Reject => "reject",
+            Self::Warn => "warn",
+            Self::Allow => "allow",
+        }
+    }
+
+    /// Whether the marks that were found may be there.
+    pub(super) fn permits(self, found: &[Seen]) -> Result<(), ServiceError> {
+        if self == Self::Reject && !found.is_empty() {
+            return Err(ServiceError::AlreadyMarked(found.iter().map(|seen| seen.id).collect()));
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for OnExisting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for OnExisting {
+    type Err = &'static str;
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        let named = Self::ALL.into_iter().find(|on_existing| on_existing.name() == name);
+        named.ok_or("must be reject, warn or allow")
+    }
+}
+
+/// A mark that was found on a host.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Seen {
+    pub(super) id: Uuid,
+    /// log10 of the bound, all hypotheses counted.
+    pub(super) log10_fp: f64,
+}
+
+impl Service {
+    /// Whose marks these are. One that was revoked in the meantime is on the host all the same.
+    pub(super) async fn owned(&self, seen: &[Seen]) -> Result<Vec<ExistingMark>, ServiceError> {
+        let mut marks = Vec::with_capacity(seen.len());
+        for &Seen { id, log10_fp } in seen {
+            let record =
+                self.registry.record(id).await?.ok_or(ServiceError::UnknownWatermark(id))?;
+            marks.push(ExistingMark { watermark_id: id, owner_id: record.owner_id, log10_fp });
+        }
+        Ok(marks)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_read_back_and_only_reject_refuses() {
+        let found = [Seen { id: Uuid::nil(), log10_fp: -12.0 }];
+        for on_existing in OnExisting::ALL {
+            assert_eq!(on_existing.to_string().parse(), Ok(on_existing));
+            assert!(on_existing.permits(&[]).is_ok());
+            assert_eq!(on_existing.permits(&found).is_err(), on_existing == OnExisting::Reject);
+        }
+        assert!("ignore".parse::<OnExisting>().is_err());
+    }
+}
