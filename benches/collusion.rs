@@ -1,10 +1,10 @@
 //! Collusion: recipients average their copies. Who is still named?
 //!
 //! ```text
-//! cargo bench --bench collusion -- [--methods exact-mean,qsp-mean] [--seed 1] FILE...
+//! cargo bench --bench collusion -- [--methods exact-mean,qsp-mean] [--bits 64] [--seed 1] FILE...
 //! ```
 //!
-//! Ten copies per mesh, each with a key and message of its own (strength 0.15, 64 bits), averaged in
+//! Ten copies per mesh, each with a key and message of its own (strength 0.15), averaged in
 //! groups of 2, 3, 5 and 10. Per detector: how many of the colluders are named (a bound below 1e-9
 //! against 100,000 records), and the median and the worst of log10 of their bounds. Without files:
 //! generated meshes of 40,000 vertices.
@@ -14,9 +14,9 @@
 mod marks;
 
 use glam::DVec3;
-use marks::{Copy, THRESHOLD, bounds, hosts, marked, parsed};
+use marks::{Copy, THRESHOLD, bounds, hosts, marked, params, parsed};
 use quadmark::mesh::Mesh;
-use quadmark::watermark::Method;
+use quadmark::watermark::{BitCount, Method};
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -36,10 +36,12 @@ fn average(copies: &[Copy]) -> Mesh {
 fn main() {
     let mut methods = vec![Method::ExactMean, Method::QspMean];
     let (mut files, mut seed) = (Vec::new(), 1);
+    let mut bits = BitCount::default();
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         match word.as_str() {
             "--bench" => {}
+            "--bits" => bits = marks::bits(&words.next().unwrap()),
             "--methods" => {
                 let names = words.next().unwrap();
                 methods = names.split(',').map(|name| name.parse().unwrap()).collect();
@@ -52,9 +54,15 @@ fn main() {
     for (name, file) in hosts(files) {
         let host = parsed(&file);
         for &method in &methods {
-            println!("{name} {method}");
-            let copies: Vec<Copy> =
-                (0..COPIES).map(|_| marked(&file, method, &mut random)).collect();
+            println!("{name} {method}, {} bits", bits.get());
+            let copies = (0..COPIES).map(|_| marked(&file, params(method, bits), &mut random));
+            let copies = match copies.collect::<Result<Vec<Copy>, _>>() {
+                Ok(copies) => copies,
+                Err(refusal) => {
+                    println!("  refused: {refusal}");
+                    continue;
+                }
+            };
             for size in GROUPS {
                 let mut found: [Vec<f64>; 3] = Default::default();
                 for group in copies.chunks_exact(size) {

@@ -1,7 +1,7 @@
 //! Marks as the benchmarks of several marks on one mesh make and read them.
 
 use quadmark::formats::{Asset, Limits};
-use quadmark::marking::{MarkRequest, Marked, mark};
+use quadmark::marking::{MarkError, MarkRequest, Marked, mark};
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
@@ -27,14 +27,28 @@ pub struct Copy {
     pub params: EmbedParams,
 }
 
+/// So many bits, a multiple of eight.
+pub fn bits(word: &str) -> BitCount {
+    BitCount::new(word.parse().unwrap()).unwrap()
+}
+
+/// How to mark by this method with so many bits.
+pub fn params(method: Method, bits: BitCount) -> EmbedParams {
+    EmbedParams { method, bits, ..EmbedParams::default() }
+}
+
 /// The file marked with a new key and message.
-pub fn marked(host: &[u8], method: Method, random: &mut ChaCha20Rng) -> Copy {
-    let (mut key, mut message) = ([0; 32], [0; 8]);
+pub fn marked(
+    host: &[u8],
+    params: EmbedParams,
+    random: &mut ChaCha20Rng,
+) -> Result<Copy, MarkError> {
+    let mut key = [0; 32];
+    let mut message = vec![0; params.bits.get() / 8];
     random.fill_bytes(&mut key);
     random.fill_bytes(&mut message);
     let key = MarkKey::from_bytes(key);
-    let message = Message::from_bytes(&message, BitCount::default()).unwrap();
-    let params = EmbedParams { method, ..EmbedParams::default() };
+    let message = Message::from_bytes(&message, params.bits).unwrap();
     let request = MarkRequest {
         key: &key,
         message: &message,
@@ -43,9 +57,9 @@ pub fn marked(host: &[u8], method: Method, random: &mut ChaCha20Rng) -> Copy {
         stop: &|| false,
         independent_check_max_bytes: 0,
     };
-    let Marked { bytes, host_frame, .. } = mark(host, &request).unwrap();
+    let Marked { bytes, host_frame, .. } = mark(host, &request)?;
     let mesh = parsed(&bytes);
-    Copy { bytes, mesh, host_frame, codeword: Codeword::new(&key, &message), params }
+    Ok(Copy { bytes, mesh, host_frame, codeword: Codeword::new(&key, &message), params })
 }
 
 pub fn parsed(file: &[u8]) -> Mesh {

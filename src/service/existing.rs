@@ -67,14 +67,31 @@ pub(super) struct Seen {
     pub(super) log10_fp: f64,
 }
 
+/// log10 of the bound on either of two errors, from those of each: their sum.
+pub(super) fn either(a: f64, b: f64) -> f64 {
+    let (more, less) = if a > b { (a, b) } else { (b, a) };
+    (more + 10_f64.powf(less - more).ln_1p() / std::f64::consts::LN_10).min(0.0)
+}
+
 impl Service {
-    /// Whose marks these are. One that was revoked in the meantime is on the host all the same.
+    /// Whose marks these are, and those that their own hosts carried: they may be overwritten. One
+    /// that was revoked in the meantime is on the host all the same.
     pub(super) async fn owned(&self, seen: &[Seen]) -> Result<Vec<ExistingMark>, ServiceError> {
-        let mut marks = Vec::with_capacity(seen.len());
+        let (mut marks, mut below) = (Vec::with_capacity(seen.len()), Vec::new());
         for &Seen { id, log10_fp } in seen {
-            let record =
-                self.registry.record(id).await?.ok_or(ServiceError::UnknownWatermark(id))?;
+            let record = self.registry.record(id).await?;
+            let record = record.ok_or(ServiceError::UnknownWatermark(id))?;
+            let theirs = record.existing_marks.into_iter().flatten();
+            below.extend(
+                theirs
+                    .map(|mark| ExistingMark { log10_fp: either(mark.log10_fp, log10_fp), ..mark }),
+            );
             marks.push(ExistingMark { watermark_id: id, owner_id: record.owner_id, log10_fp });
+        }
+        for mark in below {
+            if marks.iter().all(|known| known.watermark_id != mark.watermark_id) {
+                marks.push(mark);
+            }
         }
         Ok(marks)
     }
@@ -83,6 +100,13 @@ impl Service {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn either_error_is_at_most_their_sum() {
+        for (a, b, sum) in [(-9.0, -9.0, -8.698_970), (-300.0, -12.0, -12.0), (-0.1, -0.1, 0.0)] {
+            assert!((either(a, b) - sum).abs() < 1e-6 && either(a, b) >= a.max(b), "{a} {b}");
+        }
+    }
 
     #[test]
     fn names_read_back_and_only_reject_refuses() {

@@ -159,6 +159,11 @@ pub struct Match {
     pub bits_agreeing: usize,
     /// Bits that could be read.
     pub bits_read: usize,
+    /// The mark that lies over this one, where this one itself was not read: `how` says how that
+    /// one was read, its record says that its host carried this one, and the bound is the sum of
+    /// both.
+    #[schema(value_type = Option<String>, format = "uuid")]
+    pub under: Option<Uuid>,
     /// In which frame it was read.
     pub frame: FrameName,
     /// What its bound rests on.
