@@ -13,7 +13,7 @@ use quadmark::watermark::{BitCount, Codeword, EmbedParams, MarkKey, Message, Sus
 const COUNTED: f64 = 5.0 + 0.903_09;
 
 /// A recipient's copy, with 256 bits: with 64, two that average already hide. (By
-/// `benches/collusion.rs`, with other keys one colluder in nine of three is not named.)
+/// `benches/collusion.rs`, with other keys one colluder in six of three is not named.)
 fn copy(host: &[u8], seed: u8) -> (Mesh, Codeword) {
     let bits = BitCount::new(256).unwrap();
     let key = MarkKey::from_bytes([seed; 32]);
