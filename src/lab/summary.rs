@@ -39,7 +39,7 @@ pub struct Group {
     pub detection_ratio: f64,
     /// Standard deviation of that share over trials.
     pub detection_ratio_deviation: f64,
-    /// Mean share of bits read wrong, of those read.
+    /// Mean share of bits read wrong; one that is not read counts half, as a guess would.
     pub bit_error_rate: f64,
     /// Mean decimal logarithm of the blind bound.
     pub log10_bound: f64,
@@ -112,8 +112,7 @@ fn group(rows: &[&Row], threshold: f64) -> Option<Group> {
     let detection_ratio = mean(&|row| row.detection_ratio);
     let variance = mean(&|row| row.detection_ratio.map(|r| (r - detection_ratio).powi(2)));
     let read_wrong = |row: &Row| {
-        let (right, wrong) = (row.bits_right? as f64, row.bits_wrong? as f64);
-        (right + wrong > 0.0).then(|| wrong / (right + wrong))
+        Some((row.bits_wrong? as f64 + 0.5 * row.bits_erased? as f64) / row.bits as f64)
     };
     let below = |bound: Option<f64>, threshold: f64| bound.is_some_and(|bound| bound < threshold);
     // Blind and in place: each bound is multiplied by two.

@@ -241,10 +241,12 @@ fn bit_errors(experiment: &str, mesh: &str, groups: &[&Group]) -> Table {
     let (head, rows) = matrix(groups, cell, &names, published);
     Table {
         title: format!("Bit error rate: {mesh}, {experiment}"),
-        note: "Mean share of bits read wrong, in the benchmark's row order. The last columns are \
+        note:
+            "Mean share of bits read wrong (one that is not read counts half), in the benchmark's \
+               row order. The last columns are \
                published for the benchmark's own Venus (100,759 vertices) with 64 bits and the \
                perceptual budget: another mesh has other rates."
-            .into(),
+                .into(),
         head,
         rows,
     }
