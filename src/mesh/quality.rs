@@ -333,7 +333,34 @@ impl Side<'_> {
 /// Squared distance of a point to a triangle, by the region of its plane that the point projects
 /// to (Ericson, Real-Time Collision Detection, 5.1.5), and whose corners span what is nearest: a
 /// corner, a side or all of it.
-fn squared_distance(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [bool; 3]) {
+fn squared_distance(p: DVec3, triangle: [DVec3; 3]) -> (f64, [bool; 3]) {
+    let found = off_triangle(p, triangle);
+    // Only a triangle without area, to which rounding can shrink a tiny one, has no such region.
+    if found.0.is_finite() { found } else { off_sides(p, triangle) }
+}
+
+/// The same for a triangle whose corners lie on one line: the nearest of its sides.
+fn off_sides(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [bool; 3]) {
+    let side = |from: DVec3, to: DVec3| {
+        let along = to - from;
+        let share = along.dot(p - from) / along.length_squared();
+        let share = if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 };
+        (from + along * share).distance_squared(p)
+    };
+    let sides = [
+        (side(a, b), [true, true, false]),
+        (side(b, c), [false, true, true]),
+        (side(a, c), [true, false, true]),
+    ];
+    sides.into_iter().fold(
+        (f64::INFINITY, [true; 3]),
+        |best, side| {
+            if side.0 < best.0 { side } else { best }
+        },
+    )
+}
+
+fn off_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [bool; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     if d1 <= 0.0 && d2 <= 0.0 {
@@ -384,6 +411,28 @@ mod tests {
         });
         let positions = places.map(|(x, y)| DVec3::new(x, y, 0.0)).collect();
         Surface::new(&Mesh::new(positions, triangles.collect()).unwrap())
+    }
+
+    #[test]
+    fn triangles_that_lost_their_area_are_measured_all_the_same() {
+        let plate = plate(4);
+        let count = u32::try_from(plate.positions.len()).unwrap();
+        let tiny = [DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| DVec3::splat(9.0) + 0.01 * p);
+        let positions = [plate.positions, tiny.to_vec()].concat();
+        let triangles = [plate.triangles, vec![[count, count + 1, count + 2]]].concat();
+        let surface = Surface::new(&Mesh::new(positions, triangles).unwrap());
+        let at = |places: [DVec3; 3]| {
+            let mut moved = surface.positions.clone();
+            let from = moved.len() - 3;
+            moved[from..].copy_from_slice(&places);
+            moved
+        };
+        let [a, b, _] = tiny;
+        // A line, two corners on one point, all on one point.
+        for places in [[a, b, a.midpoint(b)], [a, b, b], [a, a, b], [a, b, a], [a, a, a]] {
+            let measured = quality(&surface, &at(places)).unwrap();
+            assert!(measured.mrms > 0.0 && measured.hausdorff < 0.0151 / surface.diagonal());
+        }
     }
 
     #[test]

@@ -407,6 +407,7 @@ mod tests {
         for statement in [
             "ALTER TABLE watermarks DROP COLUMN quality",
             "ALTER TABLE watermarks DROP COLUMN existing_marks",
+            "DROP TABLE hosts",
             "DELETE FROM _sqlx_migrations WHERE version > 1",
         ] {
             sqlx::query(statement).execute(&registry.writer).await.unwrap();

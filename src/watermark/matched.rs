@@ -50,6 +50,9 @@ const PATIENCE: usize = 2;
 /// Weight of each neighbour's mean per round of smoothing.
 const HALF: f64 = 0.5;
 
+/// Share of the misfit without smoothing below which a suspect counts as smoothed at all.
+const CLEARLY: f64 = 0.9;
+
 /// Residuals that judge a number of rounds, at the most.
 const JUDGES: usize = 20_000;
 
@@ -255,7 +258,8 @@ impl HostFilter {
             rounds = upto;
             let off = misfit(&now);
             worse += 1;
-            if off < best.0 {
+            let clearly = if best.1 == 0 { CLEARLY * best.0 } else { best.0 };
+            if off < clearly {
                 best = (off, rounds, now.clone());
                 worse = 0;
             }
