@@ -15,7 +15,8 @@ use quadmark::marking::{MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
-    BitCount, Codeword, EmbedParams, MarkKey, Message, Modulation, Suspect, WatermarkError,
+    BitCount, Codeword, EmbedParams, MarkKey, Message, Method, Modulation, Strength, Suspect,
+    WatermarkError,
 };
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -96,7 +97,11 @@ fn main() {
                 let request = MarkRequest {
                     key: &key,
                     message: &message,
-                    params: EmbedParams::default(),
+                    params: EmbedParams {
+                        method: Method::QspMean,
+                        strength: Strength::new(0.1).unwrap(),
+                        ..EmbedParams::default()
+                    },
                     limits,
                     stop: &|| false,
                     independent_check_max_bytes: 0,
