@@ -10,7 +10,8 @@ use crate::watermark::{Frame, Sighting};
 /// What a look assumes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LookKind {
-    /// The suspect kept the host's coordinates; no vertex is taken for another.
+    /// The suspect kept the host's coordinates; vertices are the same if the file kept their
+    /// number and order, too.
     InPlace,
     /// The file kept the host's number of vertices and their order.
     SameOrder,
@@ -82,8 +83,11 @@ pub fn looks(
     see: &mut dyn FnMut(Look) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
     let still = Similarity::IDENTITY;
-    see(Look { kind: LookKind::InPlace, similarity: still, sightings: Vec::new() })?;
-    if let Some(look) = same_order(home, visitor) {
+    let ordered = in_order(home, visitor).unwrap_or_default();
+    let unmoved = is_same(home, median_off(&ordered, &still));
+    let sightings = if unmoved { sightings(&ordered, &still) } else { Vec::new() };
+    see(Look { kind: LookKind::InPlace, similarity: still, sightings })?;
+    if let Some(look) = same_order(home, ordered) {
         see(look)?;
     }
     let (Some(host), Some(suspect)) = (home.prepared(), visitor.prepared()) else {
@@ -113,7 +117,7 @@ fn from_alignment(visitor: &Visitor<'_>, alignment: Alignment, kind: LookKind) -
 }
 
 /// Vertices paired by their number, where host and suspect have equally many.
-fn same_order(home: &Home, visitor: &Visitor<'_>) -> Option<Look> {
+fn in_order(home: &Home, visitor: &Visitor<'_>) -> Option<Vec<Pair>> {
     let (host, suspect) = (home.mesh().positions(), visitor.mesh().positions());
     if host.len() != suspect.len() {
         return None;
@@ -122,14 +126,36 @@ fn same_order(home: &Home, visitor: &Visitor<'_>) -> Option<Look> {
     let pair = |(&to, &vertex): (_, &u32)| {
         suspect.get(vertex as usize).map(|&from| Pair { from, to, weight: 1.0 })
     };
-    let mut pairs: Vec<Pair> = carriers.filter_map(pair).collect();
+    carriers.map(pair).collect()
+}
+
+/// Where the pairs' carriers are under a similarity.
+fn sightings(pairs: &[Pair], similarity: &Similarity) -> Vec<Sighting> {
+    let at = |p: &Pair| similarity.apply(p.from);
+    (0..).zip(pairs).map(|(carrier, p)| Sighting { carrier, at: at(p) }).collect()
+}
+
+/// Infinite where there are no pairs.
+fn median_off(pairs: &[Pair], similarity: &Similarity) -> f64 {
+    let off = |p: &Pair| similarity.apply(p.from).distance(p.to);
+    let mut all: Vec<f64> = pairs.iter().map(off).collect();
+    if all.is_empty() {
+        return f64::INFINITY;
+    }
+    let middle = all.len() / 2;
+    *all.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+fn is_same(home: &Home, median: f64) -> bool {
+    median <= SAME * home.surface().diagonal()
+}
+
+/// A suspect that was moved, by the order of its vertices.
+fn same_order(home: &Home, mut pairs: Vec<Pair>) -> Option<Look> {
     let mut similarity = fit(&pairs, false)?;
     let mut median = f64::INFINITY;
     for _ in 0..ROUNDS {
-        let off = |p: &Pair| similarity.apply(p.from).distance(p.to);
-        let mut all: Vec<f64> = pairs.iter().map(off).collect();
-        let middle = all.len() / 2;
-        median = *all.select_nth_unstable_by(middle, f64::total_cmp).1;
+        median = median_off(&pairs, &similarity);
         if median <= 0.0 {
             break;
         }
@@ -139,13 +165,8 @@ fn same_order(home: &Home, visitor: &Visitor<'_>) -> Option<Look> {
         }
         similarity = fit(&pairs, false)?;
     }
-    if median > SAME * home.surface().diagonal() {
-        return None;
-    }
-    let sightings = (0..).zip(&pairs);
-    let sightings =
-        sightings.map(|(carrier, p)| Sighting { carrier, at: similarity.apply(p.from) });
-    Some(Look { kind: LookKind::SameOrder, similarity, sightings: sightings.collect() })
+    let sightings = sightings(&pairs, &similarity);
+    is_same(home, median).then_some(Look { kind: LookKind::SameOrder, similarity, sightings })
 }
 
 #[cfg(test)]
@@ -172,6 +193,25 @@ mod tests {
         let registered: f64 = (0..ALIGNMENTS).map(|k| LookKind::Registered(k).share()).sum();
         let rest = [LookKind::InPlace, LookKind::SameOrder, LookKind::Near].map(LookKind::share);
         assert!(registered + rest.iter().sum::<f64>() <= 1.0 + 1e-12);
+    }
+
+    #[test]
+    fn a_copy_that_kept_its_place_and_order_is_compared_vertex_by_vertex_where_it_lies() {
+        let mesh = Sample::Blob.mesh(3000).unwrap();
+        let home = Home::new(mesh.clone());
+        // Shrunk a little, as smoothing does: a fit would undo it.
+        let shrunk: Vec<DVec3> = mesh.positions().iter().map(|p| 0.99 * p).collect();
+        let suspect = Mesh::new(shrunk.clone(), mesh.triangles().to_vec()).unwrap();
+        let seen = all(&home, &suspect);
+        assert_eq!(seen[0].kind, LookKind::InPlace);
+        assert_eq!(seen[0].sightings.len(), home.surface().positions.len());
+        for s in &seen[0].sightings {
+            let vertex = home.surface().first_vertex[s.carrier as usize];
+            assert_eq!(s.at, shrunk[vertex as usize]);
+        }
+        let moved = shrunk.iter().map(|p| p + DVec3::ONE).collect();
+        let moved = Mesh::new(moved, mesh.triangles().to_vec()).unwrap();
+        assert!(all(&home, &moved)[0].sightings.is_empty());
     }
 
     #[test]
