@@ -80,15 +80,16 @@ impl Service {
         let revoked = async move {
             let revoked = service.registry.revoke(id, now()?).await?;
             let record = revoked.ok_or(ServiceError::UnknownWatermark(id))?;
-            service.hosts.remove(&record);
-            // Without its master key a mark is not searched for in the first place.
-            if let Ok(codeword) = codeword(&service.keys, &record.source()) {
-                let revoked = record.clone();
-                let removed = tokio::task::spawn_blocking(move || {
+            let revoked = record.clone();
+            // The locks may be held by a search: wait for them on a blocking thread.
+            let removed = tokio::task::spawn_blocking(move || {
+                service.hosts.remove(&revoked);
+                // Without its master key a mark is not searched for in the first place.
+                if let Ok(codeword) = codeword(&service.keys, &revoked.source()) {
                     service.known.remove(&revoked, &codeword);
-                });
-                removed.await.map_err(|error| ServiceError::Internal(error.to_string()))?;
-            }
+                }
+            });
+            removed.await.map_err(|error| ServiceError::Internal(error.to_string()))?;
             Ok(record)
         };
         self.see_through(revoked).await

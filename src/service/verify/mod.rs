@@ -109,7 +109,7 @@ struct Begun {
     marks: CodewordIndex,
     climb: Climb,
     /// Hosts to look at; none when the verdict is clear or the depth does not ask for more.
-    listed: Vec<HostKey>,
+    listed: Vec<(HostKey, Vec<Uuid>)>,
 }
 
 impl Service {

@@ -34,8 +34,18 @@ pub(super) struct Listed {
 }
 
 impl Service {
-    /// On the pool: the hosts to look at, likeliest first.
+    /// On the pool: the hosts to look at with their records, likeliest first.
     pub(super) fn shortlist(
+        &self,
+        suspect: &Suspect,
+        named: Option<&[Record]>,
+        depth: Depth,
+    ) -> Vec<(HostKey, Vec<Uuid>)> {
+        let listed = self.hosts_to_look_at(suspect, named, depth).into_iter();
+        listed.map(|key| (key, self.hosts.records_of(key))).collect()
+    }
+
+    fn hosts_to_look_at(
         &self,
         suspect: &Suspect,
         named: Option<&[Record]>,
@@ -69,12 +79,11 @@ impl Service {
     /// Fetches what the dear detectors need of the listed hosts; those that are gone are left out.
     pub(super) async fn fetch(
         &self,
-        listed: Vec<HostKey>,
+        listed: Vec<(HostKey, Vec<Uuid>)>,
         named: Option<&[Record]>,
     ) -> Result<Vec<Listed>, ServiceError> {
         let mut fetched = Vec::new();
-        for key in listed {
-            let mut of_host = self.hosts.records_of(key);
+        for (key, mut of_host) in listed {
             if let Some(named) = named {
                 of_host.retain(|id| named.iter().any(|record| record.id == *id));
             }
