@@ -14,8 +14,14 @@
 //! Nothing here may depend on the codeword. Must not know how suspects are brought into the host's
 //! coordinates, or which of their vertices is whose.
 
+mod estimate;
+mod smoothing;
+
 use glam::DVec3;
 use rayon::prelude::*;
+
+use estimate::estimate;
+use smoothing::{HALF, Smoothing};
 
 use super::bins::{Frame, Lattice, norms};
 use super::modulate::State;
@@ -47,9 +53,6 @@ const SMOOTHINGS: [usize; 14] = [0, 1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 50, 70
 /// Numbers of rounds that may fit worse than the best before the search ends.
 const PATIENCE: usize = 2;
 
-/// Weight of each neighbour's mean per round of smoothing.
-const HALF: f64 = 0.5;
-
 /// Share of the misfit without smoothing below which a suspect counts as smoothed at all.
 const CLEARLY: f64 = 0.9;
 
@@ -61,15 +64,6 @@ const JUDGES: usize = 20_000;
 /// 10 and 20 times in place (log10 of the bound for one record): with 1.8 here -1 to -9, with 3
 /// -17.5 to -19.3, from 5 the -19.3 of the full matrix.
 const KERNEL: f64 = 4.0;
-
-/// Least ridge, a share of each bin's energy; and the share of the mean energy below which a bin
-/// says nothing.
-const LEAST_RIDGE: f64 = 0.02;
-const LEAST_ENERGY: f64 = 1e-9;
-
-/// Conjugate gradients: steps at the most, and the share of the squared residual that may be left.
-const MOST_GRADIENTS: usize = 40;
-const CLOSE: f64 = 1e-8;
 
 /// Median of a Rayleigh-like residual to its scale; any constant near one serves, for it moves
 /// only the knee of the weights.
@@ -133,6 +127,10 @@ impl HostFilter {
         })
     }
 
+    fn smoothing(&self) -> Smoothing<'_> {
+        Smoothing { surface: &self.surface, adjacency: &self.adjacency }
+    }
+
     /// The host's carriers.
     #[must_use]
     pub fn surface(&self) -> &Surface {
@@ -171,7 +169,7 @@ impl HostFilter {
         }
         let noise = rest.iter().map(|rest| rest.length_squared()).sum::<f64>();
         let noise = noise / (3.0 * seen.iter().sum::<f64>().max(1.0));
-        let along = self.along(&self.adjoint(rest, rounds));
+        let along = self.along(&self.smoothing().adjoint(rest, rounds));
         let gram = self.gram(&seen, rounds, self.apart(rounds));
         SoftBits::weighted(estimate(&gram, &along, noise))
     }
@@ -223,9 +221,9 @@ impl HostFilter {
             let inside = |bin: u16| bin != NO_BIN && usize::from(bin) % classes == class;
             let part = self.difference.iter().zip(&self.bins);
             let part = part.map(|(&d, &bin)| if inside(bin) { d } else { DVec3::ZERO });
-            let mut spread = self.smoothed(part.collect(), rounds);
+            let mut spread = self.smoothing().smoothed(part.collect(), rounds);
             spread.iter_mut().zip(seen).for_each(|(spread, seen)| *spread *= *seen);
-            let back = self.adjoint(spread, rounds);
+            let back = self.smoothing().adjoint(spread, rounds);
             for ((back, difference), &bin) in back.iter().zip(&self.difference).zip(&self.bins) {
                 if bin == NO_BIN {
                     continue;
@@ -258,7 +256,7 @@ impl HostFilter {
         let mut now = self.middle.clone();
         let (mut rounds, mut worse) = (0, 0);
         for upto in SMOOTHINGS.into_iter().skip(1) {
-            now = self.smoothed(now, upto - rounds);
+            now = self.smoothing().smoothed(now, upto - rounds);
             rounds = upto;
             let off = misfit(&now);
             worse += 1;
@@ -273,104 +271,6 @@ impl HostFilter {
         }
         (best.1, best.2)
     }
-
-    /// `S`: rounds of going half-way to the mean of the neighbours (each triangle counts its
-    /// corners).
-    fn smoothed(&self, mut field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
-        for _ in 0..rounds {
-            field =
-                self.round_of(
-                    &field,
-                    |(sum, count), own| {
-                        if count > 0.0 { own.lerp(sum / count, HALF) } else { own }
-                    },
-                );
-        }
-        field
-    }
-
-    /// `S*`: the same, the other way round.
-    fn adjoint(&self, mut field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
-        for _ in 0..rounds {
-            let share = |(vertex, own): (usize, &DVec3)| {
-                let count = 2.0 * self.adjacency.around(vertex).len() as f64;
-                if count > 0.0 { *own / count } else { DVec3::ZERO }
-            };
-            let shares: Vec<DVec3> =
-                field.par_iter().enumerate().with_min_len(4096).map(share).collect();
-            let passed = self.round_of(&shares, |(sum, _), _| sum);
-            field = field.iter().zip(passed).map(|(own, passed)| own.lerp(passed, HALF)).collect();
-        }
-        field
-    }
-
-    /// Per carrier what `of` makes of the sum over its neighbours, their number and its own value.
-    fn round_of(
-        &self,
-        field: &[DVec3],
-        of: impl Fn((DVec3, f64), DVec3) -> DVec3 + Sync,
-    ) -> Vec<DVec3> {
-        let around = |(vertex, &own): (usize, &DVec3)| {
-            let (mut sum, mut count) = (DVec3::ZERO, 0.0);
-            for &t in self.adjacency.around(vertex) {
-                for corner in self.surface.triangles[t as usize] {
-                    let corner = corner as usize;
-                    if corner != vertex {
-                        sum += field[corner];
-                        count += 1.0;
-                    }
-                }
-            }
-            of((sum, count), own)
-        };
-        field.par_iter().enumerate().with_min_len(1024).map(around).collect()
-    }
-}
-
-/// Per bin its estimated sign times the size of what it is estimated from: with `E` the diagonal of
-/// `G`, `x = (E^-1/2 G E^-1/2 + ridge)^-1 E^-1/2 t`, the estimate of least mean square error for
-/// half a sign each (variance 1/4) in noise of this variance.
-///
-/// Conjugate gradients: `G` is positive semidefinite only up to the neighbours that [`KERNEL`]
-/// neglects, and they stop where a factorisation would blow up.
-fn estimate(gram: &[f64], t: &[f64], noise: f64) -> Vec<f64> {
-    let n = t.len();
-    let energy: Vec<f64> = (0..n).map(|i| gram[i * n + i].max(0.0)).collect();
-    let least = LEAST_ENERGY * energy.iter().sum::<f64>() / n.max(1) as f64;
-    let size: Vec<f64> =
-        energy.iter().map(|e| if *e > least { e.sqrt().recip() } else { 0.0 }).collect();
-    let times = |x: &[f64]| -> Vec<f64> {
-        let row = |i: usize| {
-            let symmetric = |k: usize| f64::midpoint(gram[i * n + k], gram[k * n + i]);
-            let sum: f64 = (0..n).map(|k| symmetric(k) * size[k] * x[k]).sum();
-            let ridge = (4.0 * noise * size[i] * size[i]).max(LEAST_RIDGE);
-            size[i] * sum + ridge * x[i]
-        };
-        (0..n).map(row).collect()
-    };
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut x = vec![0.0; n];
-    let mut rest: Vec<f64> = t.iter().zip(&size).map(|(t, size)| t * size).collect();
-    let mut way = rest.clone();
-    let start = dot(&rest, &rest);
-    let mut now = start;
-    for _ in 0..MOST_GRADIENTS {
-        if now <= CLOSE * start {
-            break;
-        }
-        let image = times(&way);
-        let bend = dot(&way, &image);
-        if bend.is_nan() || bend <= 0.0 {
-            break;
-        }
-        let step = now / bend;
-        x.iter_mut().zip(&way).for_each(|(x, way)| *x += step * way);
-        rest.iter_mut().zip(&image).for_each(|(rest, image)| *rest -= step * image);
-        let next = dot(&rest, &rest);
-        way.iter_mut().zip(&rest).for_each(|(way, rest)| *way = rest + next / now * *way);
-        now = next;
-    }
-    x
 }
 
 fn median(mut all: Vec<f64>) -> f64 {
@@ -380,6 +280,7 @@ fn median(mut all: Vec<f64>) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::estimate::LEAST_RIDGE;
     use super::*;
     use crate::sample::Sample;
     use crate::watermark::{Embedding, MarkKey, Message, Method, embed};
@@ -465,7 +366,7 @@ mod tests {
         let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
         let mut field: Vec<DVec3> =
             filter.surface().first_vertex.iter().map(|&v| marked.positions[v as usize]).collect();
-        field = filter.smoothed(field, 10);
+        field = filter.smoothing().smoothed(field, 10);
         let sightings = |field: &[DVec3]| -> Vec<Sighting> {
             (0..).zip(field).map(|(carrier, &at)| Sighting { carrier, at }).collect()
         };
