@@ -11,48 +11,127 @@ const LEAST_ENERGY: f64 = 1e-9;
 const MOST_GRADIENTS: usize = 40;
 const CLOSE: f64 = 1e-8;
 
-/// Per bin its estimated sign times the size of what it is estimated from: with `E` the diagonal of
-/// `G`, `x = (E^-1/2 G E^-1/2 + ridge)^-1 E^-1/2 t`, the estimate of least mean square error for
-/// half a sign each (variance 1/4) in noise of this variance.
+/// Share of its size below which what an unknown adds to others is taken for rounding.
+const DEPENDENT: f64 = 1e-9;
+
+/// `G` with what makes it solvable: with `E` its diagonal, `A = E^-1/2 G E^-1/2 + ridge`, where the
+/// ridge is that of the estimate of least mean square error for half a sign each (variance 1/4) in
+/// noise of a given variance. What comes out is, per bin, its estimated sign times the size of what it
+/// is estimated from.
 ///
 /// Conjugate gradients: `G` is positive semidefinite only up to the neighbours that the kernel's
 /// cut neglects, and they stop where a factorisation would blow up.
-pub(super) fn estimate(gram: &[f64], t: &[f64], noise: f64) -> Vec<f64> {
-    let n = t.len();
-    let energy: Vec<f64> = (0..n).map(|i| gram[i * n + i].max(0.0)).collect();
-    let least = LEAST_ENERGY * energy.iter().sum::<f64>() / n.max(1) as f64;
-    let size: Vec<f64> =
-        energy.iter().map(|e| if *e > least { e.sqrt().recip() } else { 0.0 }).collect();
-    let times = |x: &[f64]| -> Vec<f64> {
-        let row = |i: usize| {
-            let symmetric = |k: usize| f64::midpoint(gram[i * n + k], gram[k * n + i]);
-            let sum: f64 = (0..n).map(|k| symmetric(k) * size[k] * x[k]).sum();
-            let ridge = (4.0 * noise * size[i] * size[i]).max(LEAST_RIDGE);
-            size[i] * sum + ridge * x[i]
+#[derive(Debug)]
+pub(super) struct Normal {
+    /// `G`, row by row.
+    gram: Vec<f64>,
+    /// `E^-1/2`, zero for a bin that says nothing.
+    size: Vec<f64>,
+    ridge: Vec<f64>,
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+impl Normal {
+    /// `G` of `n` bins, and the variance of the noise.
+    pub(super) fn new(gram: Vec<f64>, n: usize, noise: f64) -> Self {
+        let energy: Vec<f64> = (0..n).map(|i| gram[i * n + i].max(0.0)).collect();
+        let least = LEAST_ENERGY * energy.iter().sum::<f64>() / n.max(1) as f64;
+        let size: Vec<f64> =
+            energy.iter().map(|e| if *e > least { e.sqrt().recip() } else { 0.0 }).collect();
+        let ridge = size.iter().map(|size| (4.0 * noise * size * size).max(LEAST_RIDGE)).collect();
+        Self { gram, size, ridge }
+    }
+
+    /// `A^-1 E^-1/2 t`.
+    pub(super) fn solve(&self, t: &[f64]) -> Vec<f64> {
+        let n = t.len();
+        let times = |x: &[f64]| -> Vec<f64> {
+            let row = |i: usize| {
+                let symmetric =
+                    |k: usize| f64::midpoint(self.gram[i * n + k], self.gram[k * n + i]);
+                let sum: f64 = (0..n).map(|k| symmetric(k) * self.size[k] * x[k]).sum();
+                self.size[i] * sum + self.ridge[i] * x[i]
+            };
+            (0..n).map(row).collect()
         };
-        (0..n).map(row).collect()
-    };
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut x = vec![0.0; n];
+        let mut rest: Vec<f64> = t.iter().zip(&self.size).map(|(t, size)| t * size).collect();
+        let mut way = rest.clone();
+        let start = dot(&rest, &rest);
+        let mut now = start;
+        for _ in 0..MOST_GRADIENTS {
+            if now <= CLOSE * start {
+                break;
+            }
+            let image = times(&way);
+            let bend = dot(&way, &image);
+            if bend.is_nan() || bend <= 0.0 {
+                break;
+            }
+            let step = now / bend;
+            x.iter_mut().zip(&way).for_each(|(x, way)| *x += step * way);
+            rest.iter_mut().zip(&image).for_each(|(rest, image)| *rest -= step * image);
+            let next = dot(&rest, &rest);
+            way.iter_mut().zip(&rest).for_each(|(way, rest)| *way = rest + next / now * *way);
+            now = next;
+        }
+        x
+    }
+
+    /// The same with further unknowns, one per row of `cross` (their products with the bins), of
+    /// `among` (with each other) and of `seen` (with the data): theirs are eliminated.
+    pub(super) fn solve_beside(
+        &self,
+        t: &[f64],
+        cross: &[Vec<f64>],
+        among: &[Vec<f64>],
+        seen: &[f64],
+    ) -> Vec<f64> {
+        let mut x = self.solve(t);
+        let solved: Vec<Vec<f64>> = cross.iter().map(|cross| self.solve(cross)).collect();
+        // (In the units of `solve`, `cross` is `E^-1/2 cross`.)
+        let times = |cross: &[f64], x: &[f64]| -> f64 {
+            cross.iter().zip(&self.size).zip(x).map(|((c, size), x)| c * size * x).sum()
+        };
+        let schur = |(among, b): (&Vec<f64>, &Vec<f64>)| -> Vec<f64> {
+            among.iter().zip(&solved).map(|(q, solved)| q - times(b, solved)).collect()
+        };
+        let schur: Vec<Vec<f64>> = among.iter().zip(cross).map(schur).collect();
+        let left = seen.iter().zip(cross).map(|(seen, b)| seen - times(b, &x)).collect();
+        for (share, solved) in shares(schur, left).iter().zip(&solved) {
+            x.iter_mut().zip(solved).for_each(|(x, solved)| *x -= share * solved);
+        }
+        x
+    }
+}
+
+/// Solves a small symmetric positive semidefinite system by elimination in order of the greatest
+/// pivot; unknowns that the rest determines are left out (zero).
+fn shares(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
+    let n = right.len();
+    let start: Vec<f64> = (0..n).map(|i| matrix[i][i]).collect();
+    let mut order: Vec<usize> = Vec::new();
+    loop {
+        let open = (0..n).filter(|i| !order.contains(i) && matrix[*i][*i] > DEPENDENT * start[*i]);
+        let pivot = open.max_by(|&a, &b| {
+            (matrix[a][a] / start[a]).total_cmp(&(matrix[b][b] / start[b])).then(b.cmp(&a))
+        });
+        let Some(pivot) = pivot else { break };
+        order.push(pivot);
+        let row = matrix[pivot].clone();
+        for i in (0..n).filter(|i| !order.contains(i)) {
+            let factor = matrix[i][pivot] / row[pivot];
+            matrix[i].iter_mut().zip(&row).for_each(|(m, r)| *m -= factor * r);
+            right[i] -= factor * right[pivot];
+        }
+    }
     let mut x = vec![0.0; n];
-    let mut rest: Vec<f64> = t.iter().zip(&size).map(|(t, size)| t * size).collect();
-    let mut way = rest.clone();
-    let start = dot(&rest, &rest);
-    let mut now = start;
-    for _ in 0..MOST_GRADIENTS {
-        if now <= CLOSE * start {
-            break;
-        }
-        let image = times(&way);
-        let bend = dot(&way, &image);
-        if bend.is_nan() || bend <= 0.0 {
-            break;
-        }
-        let step = now / bend;
-        x.iter_mut().zip(&way).for_each(|(x, way)| *x += step * way);
-        rest.iter_mut().zip(&image).for_each(|(rest, image)| *rest -= step * image);
-        let next = dot(&rest, &rest);
-        way.iter_mut().zip(&rest).for_each(|(way, rest)| *way = rest + next / now * *way);
-        now = next;
+    for &i in order.iter().rev() {
+        let known: f64 = (0..n).filter(|&k| k != i).map(|k| matrix[i][k] * x[k]).sum();
+        x[i] = (right[i] - known) / matrix[i][i];
     }
     x
 }

@@ -15,12 +15,13 @@
 //! coordinates, or which of their vertices is whose.
 
 mod estimate;
+mod reading;
 mod smoothing;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use estimate::estimate;
+pub use reading::Reading;
 use smoothing::{HALF, Smoothing};
 
 use super::bins::{Frame, Lattice, norms};
@@ -147,31 +148,27 @@ impl HostFilter {
             + self.surface.carrier_of.len() * size_of::<u32>()
     }
 
+    /// A suspect looked at through this filter.
+    #[must_use]
+    pub fn look(&self, sightings: &[Sighting]) -> Reading<'_> {
+        Reading::new(self, sightings)
+    }
+
     /// Soft bits of a suspect; also how many rounds of smoothing it seems to have been through.
     #[must_use]
     pub fn read(&self, sightings: &[Sighting]) -> (SoftBits, usize) {
-        let (rounds, middle) = self.smoothed_alike(sightings);
-        (self.correlate(sightings, rounds, &middle), rounds)
+        let reading = self.look(sightings);
+        (reading.alone(), reading.rounds())
     }
 
-    /// Least squares for the bits of a suspect that was smoothed in so many rounds, which took
-    /// `self.middle` to `middle`.
-    fn correlate(&self, sightings: &[Sighting], rounds: usize, middle: &[DVec3]) -> SoftBits {
-        let weights = self.weights(sightings, rounds, middle);
-        let mut rest = vec![DVec3::ZERO; middle.len()];
-        for (Sighting { carrier, at }, weight) in sightings.iter().zip(&weights) {
-            let carrier = *carrier as usize;
-            rest[carrier] = *weight * (*at - middle[carrier]);
-        }
-        let mut seen = vec![0.0; middle.len()];
-        for (Sighting { carrier, .. }, weight) in sightings.iter().zip(&weights) {
-            seen[*carrier as usize] = *weight;
-        }
-        let noise = rest.iter().map(|rest| rest.length_squared()).sum::<f64>();
-        let noise = noise / (3.0 * seen.iter().sum::<f64>().max(1.0));
-        let along = self.along(&self.smoothing().adjoint(rest, rounds));
-        let gram = self.gram(&seen, rounds, self.apart(rounds));
-        SoftBits::weighted(estimate(&gram, &along, noise))
+    /// Where a copy that carries `codeword`, one of this filter's lattice class, has the carriers.
+    #[must_use]
+    pub fn expected(&self, codeword: &Codeword) -> Vec<DVec3> {
+        let half = |&bin: &u16| {
+            codeword.bits().get(usize::from(bin)).map_or(0.0, |&bit| if bit { 0.5 } else { -0.5 })
+        };
+        let moved = self.middle.iter().zip(&self.difference).zip(&self.bins);
+        moved.map(|((&middle, &difference), bin)| middle + half(bin) * difference).collect()
     }
 
     /// How many bins apart two must be for smoothing not to make them meet.
@@ -373,7 +370,7 @@ mod tests {
         let (soft, rounds) = filter.read(&sightings(&field));
         assert_eq!(rounds, 10);
         let alike = soft.log10_bound(soft.score(&marked.codeword).t);
-        let unlike = filter.correlate(&sightings(&field), 0, &filter.middle);
+        let unlike = Reading::after(&filter, &sightings(&field), 0, &filter.middle).alone();
         let unlike = unlike.log10_bound(unlike.score(&marked.codeword).t);
         let stride = filter.stride;
         assert!(alike < -5.0 && alike < unlike - 2.0, "{alike} {unlike} {stride}");
