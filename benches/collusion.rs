@@ -1,87 +1,155 @@
 //! Collusion: recipients average their copies. Who is still named?
 //!
 //! ```text
-//! cargo bench --bench collusion -- [--methods exact-mean,qsp-mean] [--bits 64] [--seed 1] FILE...
+//! cargo bench --bench collusion -- [--methods exact-mean] [--bits 64] [--strength 0.1]
+//!     [--recipients 30] [--others 100000] [--seed 1] FILE...
 //! ```
 //!
-//! Ten copies per mesh, each with a key and message of its own (strength 0.15), averaged in
-//! groups of 2, 3, 5 and 10. Per detector: how many of the colluders are named (a bound below 1e-9
-//! against 100,000 records), and the median and the worst of log10 of their bounds. Without files:
-//! generated meshes of 40,000 vertices.
+//! Each host is marked for so many recipients and kept, in a registry with so many records of others.
+//! Groups of 1, 2, 3, 5 and 10 of the recipients average their copies, each recipient in one group of
+//! each size. Per size, of a verification at standard depth: how many of the colluders are named by a
+//! match, how many who are not (which must not be), the median and the worst `log10_fp` of
+//! colluders, and how many a blind reader would have named. Without files: generated meshes of 40,000
+//! vertices.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 #[path = "support/marks.rs"]
 mod marks;
+#[path = "support/seeded.rs"]
+mod seeded;
+#[path = "support/service.rs"]
+mod service;
 
 use glam::DVec3;
-use marks::{Copy, THRESHOLD, bounds, hosts, marked, params, parsed};
+use marks::{hosts, parsed};
 use quadmark::mesh::Mesh;
-use quadmark::watermark::{BitCount, Method};
-use rand_chacha::ChaCha20Rng;
-use rand_chacha::rand_core::SeedableRng;
+use quadmark::sample::to_glb;
+use quadmark::service::Depth;
+use quadmark::watermark::{BitCount, Method, Strength, Suspect};
+use service::{Bench, Kind, Mark};
 
-const COPIES: usize = 10;
 const GROUPS: [usize; 5] = [1, 2, 3, 5, 10];
-const DETECTORS: [&str; 3] = ["blind", "known frame", "matched filter"];
+
+/// log10 of the bound below which a verdict is a match.
+const MATCH: f64 = -9.0;
+
+/// What the blind stage's bounds are multiplied by, as log10: all records, an eighth of the error
+/// probability.
+fn counted(records: usize) -> f64 {
+    (records as f64).log10() + 0.903_09
+}
 
 /// Each vertex in the middle of where the copies have it.
-fn average(copies: &[Copy]) -> Mesh {
+fn average(copies: &[(&Mark, Mesh)]) -> Mesh {
     let count = copies.len() as f64;
-    let first = &copies[0].mesh;
-    let at = |v: usize| copies.iter().map(|c| c.mesh.positions()[v]).sum::<DVec3>() / count;
+    let first = &copies[0].1;
+    let at = |v: usize| copies.iter().map(|(_, mesh)| mesh.positions()[v]).sum::<DVec3>() / count;
     let positions = (0..first.positions().len()).map(at).collect();
     Mesh::new(positions, first.triangles().to_vec()).unwrap()
 }
 
-fn main() {
-    let mut methods = vec![Method::ExactMean, Method::QspMean];
-    let (mut files, mut seed) = (Vec::new(), 1);
-    let mut bits = BitCount::default();
+struct Options {
+    methods: Vec<Method>,
+    bits: BitCount,
+    strength: Strength,
+    recipients: u64,
+    others: u64,
+    files: Vec<String>,
+}
+
+fn options() -> Options {
+    let mut options = Options {
+        methods: vec![Method::default()],
+        bits: BitCount::default(),
+        strength: Strength::new(0.1).unwrap(),
+        recipients: 30,
+        others: 100_000,
+        files: Vec::new(),
+    };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
+        let mut value = || words.next().unwrap();
         match word.as_str() {
             "--bench" => {}
-            "--bits" => bits = marks::bits(&words.next().unwrap()),
+            "--bits" => options.bits = marks::bits(&value()),
+            "--strength" => options.strength = Strength::new(value().parse().unwrap()).unwrap(),
+            "--recipients" => options.recipients = value().parse().unwrap(),
+            "--others" => options.others = value().parse().unwrap(),
             "--methods" => {
-                let names = words.next().unwrap();
-                methods = names.split(',').map(|name| name.parse().unwrap()).collect();
+                options.methods = value().split(',').map(|name| name.parse().unwrap()).collect();
             }
-            "--seed" => seed = words.next().unwrap().parse().unwrap(),
-            _ => files.push(word),
+            _ => options.files.push(word),
         }
     }
-    let mut random = ChaCha20Rng::from_seed([seed; 32]);
-    for (name, file) in hosts(files) {
-        let host = parsed(&file);
-        for &method in &methods {
-            println!("{name} {method}, {} bits", bits.get());
-            let copies = (0..COPIES).map(|_| marked(&file, params(method, bits), &mut random));
-            let copies = match copies.collect::<Result<Vec<Copy>, _>>() {
-                Ok(copies) => copies,
-                Err(refusal) => {
-                    println!("  refused: {refusal}");
-                    continue;
-                }
-            };
+    options
+}
+
+#[derive(Default)]
+struct Row {
+    colluders: usize,
+    named: usize,
+    innocent: usize,
+    blind: usize,
+    bounds: Vec<f64>,
+}
+
+async fn collude(bench: &Bench, copies: &[(&Mark, Mesh)], row: &mut Row) {
+    let mesh = average(copies);
+    let verification = bench.verify(&to_glb(&mesh), None, Depth::Standard).await;
+    let suspect = Suspect::new(&mesh).unwrap();
+    let bound_of = |id| {
+        let found = verification.matches.iter().find(|found| found.watermark_id == id);
+        found.map_or(0.0, |found| found.log10_fp)
+    };
+    let named = verification.matches.iter().filter(|found| found.log10_fp < MATCH).count();
+    let mut guilty = 0;
+    for (Mark { record, codeword, .. }, _) in copies {
+        row.colluders += 1;
+        row.bounds.push(bound_of(record.id));
+        guilty += usize::from(bound_of(record.id) < MATCH);
+        let (class, bits) = (codeword.lattice_class(), codeword.bit_count());
+        let soft = suspect.read(class, bits, record.method.modulation());
+        let blind = soft.log10_bound(soft.score(codeword).t) + counted(bench.service.marks());
+        row.blind += usize::from(blind < MATCH);
+    }
+    row.named += guilty;
+    row.innocent += named - guilty;
+}
+
+async fn run(options: Options, data: &std::path::Path) {
+    let bench = Bench::start(data, options.others).await;
+    for (name, file) in hosts(options.files) {
+        for &method in &options.methods {
+            let kind = Kind { method, strength: options.strength, bits: options.bits };
+            println!("{name}, {method} {}, {} bits", kind.strength.get(), kind.bits.get());
+            let mut marked = Vec::new();
+            for recipient in 0..options.recipients {
+                marked.push(bench.mark(&file, &format!("{name} {recipient}"), kind).await);
+            }
+            let copies: Vec<(&Mark, Mesh)> =
+                marked.iter().map(|mark| (mark, parsed(&mark.bytes))).collect();
             for size in GROUPS {
-                let mut found: [Vec<f64>; 3] = Default::default();
+                let mut row = Row::default();
                 for group in copies.chunks_exact(size) {
-                    let suspect = average(group);
-                    for copy in group {
-                        let bounds = bounds(&suspect, copy, &host);
-                        found.iter_mut().zip(bounds).for_each(|(all, bound)| all.push(bound));
-                    }
+                    collude(&bench, group, &mut row).await;
                 }
-                print!("  {size:2} copies");
-                for (detector, mut all) in DETECTORS.iter().zip(found) {
-                    all.sort_unstable_by(f64::total_cmp);
-                    let named = all.iter().filter(|bound| **bound < THRESHOLD).count();
-                    let (median, worst) = (all[all.len() / 2], all[all.len() - 1]);
-                    let of = all.len();
-                    print!("   {detector} {named:2}/{of:2} ({median:6.1}, {worst:6.1})");
-                }
-                println!();
+                let Row { colluders, named, innocent, blind, mut bounds } = row;
+                bounds.sort_unstable_by(f64::total_cmp);
+                let (Some(worst), Some(median)) = (bounds.last(), bounds.get(bounds.len() / 2))
+                else {
+                    continue;
+                };
+                println!(
+                    "  {size:2} copies   named {named:3} of {colluders:3}   others {innocent}   \
+                     log10_fp {median:6.1}, worst {worst:6.1}   blind {blind:3}"
+                );
             }
         }
     }
+}
+
+fn main() {
+    let temporary = tempfile::tempdir().unwrap();
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
+    runtime.block_on(run(options(), &temporary.path().join("data")));
 }

@@ -1,99 +1,151 @@
-//! One mark over the other: a marked file is marked again. Are all its marks still found?
+//! One mark over the other: a marked file is marked again. Is the older one still found?
 //!
 //! ```text
-//! cargo bench --bench overmark -- [--methods exact-mean,qsp-mean] [--bits 64] [--over METHOD] [--runs 6] [--deep 3] FILE...
+//! cargo bench --bench overmark -- [--methods exact-mean] [--over METHOD] [--bits 64]
+//!     [--strength 0.1] [--runs 6] [--others 100000] FILE...
 //! ```
 //!
-//! Per mesh, each run marks a file `deep` times over (strength 0.15, each time another key
-//! and message, those after the first by the method `over`) and reads every mark from the last file. Per mark, oldest first, and detector: how
-//! many of the runs find it (a bound below 1e-9 against 100,000 records), and the median and the
-//! worst of log10 of the bounds. The matched filter has the first host for every mark. Without
-//! files: generated meshes of 40,000 vertices.
+//! Per mesh and run a file is marked and registered, and marked again, once by another owner of the same
+//! registry and once by a stranger, of whose mark the registry knows nothing (by the same method,
+//! unless `over` names another). Per case how many of the older marks are a match, by the stage that
+//! decided, the median and the worst `log10_fp`: over the registry's own, in a verification that asks
+//! about everybody (where the later record names the older one) and in one that asks about the older
+//! owner alone; over the stranger's, in one that asks about everybody. Without files: generated meshes of
+//! 40,000 vertices.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 #[path = "support/marks.rs"]
 mod marks;
+#[path = "support/seeded.rs"]
+mod seeded;
+#[path = "support/service.rs"]
+mod service;
 
-use marks::{Copy, THRESHOLD, bounds, hosts, marked, params, parsed};
-use quadmark::marking::MarkError;
-use quadmark::watermark::{BitCount, EmbedParams, Method};
+use std::collections::BTreeMap;
+
+use marks::{hosts, marked};
+use quadmark::service::{Depth, Verification};
+use quadmark::watermark::{BitCount, EmbedParams, Method, Strength};
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
+use service::{Bench, Kind, Mark};
 
-const DETECTORS: [&str; 3] = ["blind", "known frame", "matched filter"];
+/// log10 of the bound below which a verdict is a match.
+const MATCH: f64 = -9.0;
 
-/// The file marked by each of these in turn, each over the one before.
-fn layers(
-    file: &[u8],
-    all: &[EmbedParams],
-    random: &mut ChaCha20Rng,
-) -> Result<Vec<Copy>, MarkError> {
-    let mut copies: Vec<Copy> = Vec::new();
-    for params in all {
-        let under = copies.last().map_or(file, |copy| &copy.bytes);
-        let over = marked(under, *params, random)?;
-        copies.push(over);
+#[derive(Default)]
+struct Row {
+    trials: usize,
+    found: usize,
+    both: usize,
+    bounds: Vec<f64>,
+    stages: BTreeMap<&'static str, usize>,
+}
+
+impl Row {
+    fn add(&mut self, older: &Mark, verification: &Verification) {
+        let matches = || verification.matches.iter().filter(|found| found.log10_fp < MATCH);
+        let theirs = matches().find(|found| found.watermark_id == older.record.id);
+        self.trials += 1;
+        self.found += usize::from(theirs.is_some());
+        self.both += usize::from(matches().count() > 1);
+        self.bounds.push(theirs.map_or(0.0, |found| found.log10_fp));
+        if let Some(found) = theirs {
+            let stage = if found.under.is_some() { "later record" } else { found.how.stage.name() };
+            *self.stages.entry(stage).or_default() += 1;
+        }
     }
-    Ok(copies)
+
+    fn print(mut self, name: &str) {
+        self.bounds.sort_unstable_by(f64::total_cmp);
+        let (Some(worst), Some(median)) =
+            (self.bounds.last(), self.bounds.get(self.bounds.len() / 2))
+        else {
+            return;
+        };
+        let Self { found, trials, both, stages, .. } = &self;
+        println!(
+            "  {name:32} {found} of {trials}, both {both}   log10_fp {median:6.1}, worst \
+             {worst:6.1}   {stages:?}"
+        );
+    }
+}
+
+struct Options {
+    methods: Vec<Method>,
+    over: Option<Method>,
+    bits: BitCount,
+    strength: Strength,
+    runs: u64,
+    others: u64,
+    files: Vec<String>,
+}
+
+fn options() -> Options {
+    let mut options = Options {
+        methods: vec![Method::default()],
+        over: None,
+        bits: BitCount::default(),
+        strength: Strength::new(0.1).unwrap(),
+        runs: 6,
+        others: 100_000,
+        files: Vec::new(),
+    };
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let mut value = || words.next().unwrap();
+        match word.as_str() {
+            "--bench" => {}
+            "--bits" => options.bits = marks::bits(&value()),
+            "--strength" => options.strength = Strength::new(value().parse().unwrap()).unwrap(),
+            "--runs" => options.runs = value().parse().unwrap(),
+            "--others" => options.others = value().parse().unwrap(),
+            "--over" => options.over = Some(value().parse().unwrap()),
+            "--methods" => {
+                options.methods = value().split(',').map(|name| name.parse().unwrap()).collect();
+            }
+            _ => options.files.push(word),
+        }
+    }
+    options
+}
+
+async fn run(options: Options, data: &std::path::Path) {
+    let bench = Bench::start(data, options.others).await;
+    let mut random = ChaCha20Rng::from_seed([2; 32]);
+    for (name, file) in hosts(options.files) {
+        for &method in &options.methods {
+            let kind = Kind { method, strength: options.strength, bits: options.bits };
+            let later = Kind { method: options.over.unwrap_or(method), ..kind };
+            println!("{name}, {} over {method}, {} bits", later.method, kind.bits.get());
+            let [mut everybody, mut alone, mut stranger] = [(); 3].map(|()| Row::default());
+            for trial in 0..options.runs {
+                let (older_owner, owner) =
+                    (format!("{name} {trial}"), format!("later {name} {trial}"));
+                let older = bench.mark(&file, &older_owner, kind).await;
+                let over = bench.mark(&older.bytes, &owner, later).await;
+                let standard = Depth::Standard;
+                everybody.add(&older, &bench.verify(&over.bytes, None, standard).await);
+                let only = Some(older_owner.as_str());
+                alone.add(&older, &bench.verify(&over.bytes, only, standard).await);
+                let params = EmbedParams {
+                    method: later.method,
+                    strength: later.strength,
+                    bits: later.bits,
+                    ..EmbedParams::default()
+                };
+                let theirs = marked(&older.bytes, params, &mut random).unwrap();
+                stranger.add(&older, &bench.verify(&theirs, None, standard).await);
+            }
+            everybody.print("over the registry's own mark");
+            alone.print("the same, older owner alone");
+            stranger.print("over a stranger's mark");
+        }
+    }
 }
 
 fn main() {
-    let mut methods = vec![Method::ExactMean, Method::QspMean];
-    let (mut files, mut runs, mut deep) = (Vec::new(), 6, 2);
-    let mut over: Option<Method> = None;
-    let mut bits = BitCount::default();
-    let mut words = std::env::args().skip(1);
-    while let Some(word) = words.next() {
-        match word.as_str() {
-            "--bench" => {}
-            "--bits" => bits = marks::bits(&words.next().unwrap()),
-            "--methods" => {
-                let names = words.next().unwrap();
-                methods = names.split(',').map(|name| name.parse().unwrap()).collect();
-            }
-            "--over" => over = Some(words.next().unwrap().parse().unwrap()),
-            "--runs" => runs = words.next().unwrap().parse().unwrap(),
-            "--deep" => deep = words.next().unwrap().parse().unwrap(),
-            _ => files.push(word),
-        }
-    }
-    let mut random = ChaCha20Rng::from_seed([2; 32]);
-    for (name, file) in hosts(files) {
-        let host = parsed(&file);
-        for &method in &methods {
-            println!("{name} {method}, {} bits", bits.get());
-            let methods_of = |first| {
-                let rest = std::iter::repeat_n(over.unwrap_or(first), deep - 1);
-                let all = std::iter::once(first).chain(rest);
-                all.map(|method| params(method, bits)).collect::<Vec<EmbedParams>>()
-            };
-            let mut found = vec![<[Vec<f64>; 3]>::default(); deep];
-            for _ in 0..runs {
-                let copies = layers(&file, &methods_of(method), &mut random);
-                let copies: Vec<Copy> = match copies {
-                    Ok(copies) => copies,
-                    Err(refusal) => {
-                        println!("  refused: {refusal}");
-                        continue;
-                    }
-                };
-                let suspect = &copies[deep - 1].mesh;
-                for (copy, found) in copies.iter().zip(&mut found) {
-                    let bounds = bounds(suspect, copy, &host);
-                    found.iter_mut().zip(bounds).for_each(|(all, bound)| all.push(bound));
-                }
-            }
-            for (mark, found) in (1..).zip(found) {
-                print!("  mark {mark} of {deep}");
-                for (detector, mut all) in DETECTORS.iter().zip(found) {
-                    all.sort_unstable_by(f64::total_cmp);
-                    let named = all.iter().filter(|bound| **bound < THRESHOLD).count();
-                    let (median, worst) = (all[all.len() / 2], all[all.len() - 1]);
-                    let of = all.len();
-                    print!("   {detector} {named:2}/{of:2} ({median:6.1}, {worst:6.1})");
-                }
-                println!();
-            }
-        }
-    }
+    let temporary = tempfile::tempdir().unwrap();
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
+    runtime.block_on(run(options(), &temporary.path().join("data")));
 }

@@ -2,16 +2,19 @@
 //!
 //! ```text
 //! cargo bench --bench recognition -- [--keys 2] [--others 100000] [--depth standard] [--wrong]
-//!     [--attacks none,crop-50,...] [--seed 1] [--data DIR] FILE...
+//!     [--strangers DIR] [--attacks none,crop-50,...] [--strength 0.1] [--seed 1] [--data DIR]
+//!     FILE...
 //! ```
 //!
-//! All files are first marked, by so many owners each (`exact-mean`, strength 0.1, hosts kept), in
+//! All files are first marked, by so many owners each (the default method, hosts kept), in
 //! one registry that holds so many other records. Per attack (`support/cases.rs`): how many of the
 //! attacked copies are a `match` (bound below 1e-9) with the right record; the mean of `log10_fp` where
 //! that record was named at all; the time of a verification, as a multiple of tobj's load of the
 //! same surface as OBJ; which share of the bits the paper's blind detector reads right; the stages
 //! that decided. With `--wrong` the suspects are the hosts themselves, which carry nothing, under the same
-//! attacks, and generated meshes: right is no match. A record that is named wrongly is reported at once.
+//! attacks, and generated meshes: right is no match. With `--strangers` they are all files below a
+//! folder that can be read, each as it is and marked by somebody else. A record that is named wrongly
+//! is reported at once.
 //!
 //! Attacks follow from the seed and the names. Marks are drawn anew, unless `--data` names a
 //! directory of an earlier run. Attacked copies are verified as binary glTF, what was not attacked as it
@@ -22,34 +25,38 @@
 mod acceptance;
 #[path = "support/cases.rs"]
 mod cases;
+#[path = "support/marks.rs"]
+mod marks;
 #[path = "support/seeded.rs"]
 mod seeded;
+#[path = "support/service.rs"]
+mod service;
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 
 use acceptance::{Outcome, Row, print_head};
 use cases::{CASES, Case, attacked};
 use quadmark::formats::{Asset, Limits};
-use quadmark::keys::KeyRing;
 use quadmark::lab::attacks::Context;
 use quadmark::lab::measures::detect;
 use quadmark::mesh::Mesh;
-use quadmark::registry::Record;
 use quadmark::sample::{Sample, to_glb, to_obj};
-use quadmark::service::{
-    Depth, EmbedRequest, OnExisting, Service, Spooled, Text, Verification, VerifyRequest,
-};
-use quadmark::watermark::{BitCount, Codeword, EmbedParams, MarkKey, Message, Method, Strength};
-use seeded::{config, seed, tobj_seconds};
+use quadmark::service::{Depth, Verdict};
+use quadmark::watermark::{BitCount, EmbedParams, Method, Strength};
+use rand_chacha::ChaCha20Rng;
+use rand_chacha::rand_core::SeedableRng;
+use seeded::tobj_seconds;
+use service::{Bench, Kind, Mark};
 
 struct Options {
     keys: u64,
     others: u64,
     depth: Depth,
     wrong: bool,
+    strangers: Option<PathBuf>,
     cases: Vec<Case>,
+    strength: Strength,
     seed: u64,
     data: Option<PathBuf>,
     files: Vec<PathBuf>,
@@ -61,7 +68,9 @@ fn options() -> Options {
         others: 100_000,
         depth: Depth::Standard,
         wrong: false,
+        strangers: None,
         cases: CASES.to_vec(),
+        strength: Strength::new(0.1).unwrap(),
         seed: 1,
         data: None,
         files: Vec::new(),
@@ -75,9 +84,13 @@ fn options() -> Options {
             "--others" => options.others = value().parse().unwrap(),
             "--depth" => options.depth = value().parse().unwrap(),
             "--wrong" => options.wrong = true,
+            "--strangers" => options.strangers = Some(value().into()),
             "--attacks" => {
                 let named = |name: &str| *CASES.iter().find(|case| case.0 == name).unwrap();
                 options.cases = value().split(',').map(named).collect();
+            }
+            "--strength" => {
+                options.strength = Strength::new(value().parse().unwrap()).unwrap();
             }
             "--seed" => options.seed = value().parse().unwrap(),
             "--data" => options.data = Some(value().into()),
@@ -116,13 +129,6 @@ fn parsed(bytes: &[u8]) -> Mesh {
     Asset::read(bytes, &Limits::default()).unwrap().into_mesh()
 }
 
-/// A registered mark and its file.
-struct Mark {
-    record: Record,
-    bytes: Vec<u8>,
-    codeword: Codeword,
-}
-
 /// A file to be verified, and what it is.
 struct Suspect<'a> {
     of: &'a Host,
@@ -133,62 +139,12 @@ struct Suspect<'a> {
     trial: u64,
 }
 
-struct Bench {
+struct Table {
     options: Options,
-    service: Arc<Service>,
-    keys: KeyRing,
+    bench: Bench,
 }
 
-impl Bench {
-    async fn start(options: Options, data: &Path) -> Self {
-        // The first start makes the schema and the master key.
-        Service::open(config(data)).await.unwrap().close().await;
-        seed(data, options.others).await;
-        let service = Service::open(config(data)).await.unwrap();
-        let keys = KeyRing::open(&data.join("master.keys")).unwrap();
-        Self { options, service, keys }
-    }
-
-    async fn upload(&self, bytes: &[u8]) -> Spooled {
-        let spool = self.service.spool().unwrap().write(bytes).await.unwrap();
-        spool.end(None).await.unwrap()
-    }
-
-    async fn mark(&self, host: &Host, trial: u64) -> Mark {
-        let owner = format!("{} {trial}", host.name);
-        let request = EmbedRequest {
-            file: self.upload(&host.bytes).await,
-            owner_id: Text::parse("owner_id", &owner).unwrap(),
-            recipient: None,
-            label: None,
-            method: Method::default(),
-            strength: Some(Strength::default()),
-            max_distortion: None,
-            bits: BitCount::default(),
-            payload: None,
-            keep_file: true,
-            keep_host: true,
-            on_existing: OnExisting::Allow,
-            // A later run over the same directory gets the same mark.
-            idempotency_key: Some("acceptance".to_owned()),
-        };
-        let embedded = self.service.embed(request).await.unwrap();
-        let record = embedded.record;
-        let key = self.keys.mark_key(&record.key_id, &record.salt, &record.owner_id).unwrap();
-        let message = Message::from_bytes(&record.message, record.bits).unwrap();
-        let codeword = Codeword::new(&MarkKey::from_bytes(*key), &message);
-        Mark { record, bytes: embedded.bytes.to_vec(), codeword }
-    }
-
-    async fn verify(&self, bytes: &[u8]) -> (Verification, f64) {
-        let start = Instant::now();
-        let file = self.upload(bytes).await;
-        let depth = self.options.depth;
-        let request = VerifyRequest { file, owner_id: None, watermark_id: None, depth };
-        let verification = self.service.verify(request).await.unwrap();
-        (verification, start.elapsed().as_secs_f64())
-    }
-
+impl Table {
     /// One cell of the table; `None` when the attack leaves nothing.
     async fn outcome(&self, suspect: &Suspect<'_>, case: Case) -> Option<Outcome> {
         let Mark { record, codeword, .. } = suspect.mark;
@@ -203,7 +159,9 @@ impl Bench {
             _ if as_obj => to_obj(&mesh),
             _ => to_glb(&mesh),
         };
-        let (verification, seconds) = self.verify(&file).await;
+        let start = Instant::now();
+        let verification = self.bench.verify(&file, None, self.options.depth).await;
+        let seconds = start.elapsed().as_secs_f64();
         let modulation = record.method.modulation();
         Some(Outcome {
             verification,
@@ -243,16 +201,79 @@ impl Bench {
     }
 }
 
-async fn run(options: Options, data: &Path) {
-    let hosts = Host::all(&options.files);
-    let bench = Bench::start(options, data).await;
-    let mut marks = Vec::new();
-    for host in &hosts {
-        for trial in 0..bench.options.keys {
-            marks.push((host, trial, bench.mark(host, trial).await));
+/// Every file below a folder, in order of their names.
+fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let (mut files, mut folders) = (Vec::new(), vec![folder.to_owned()]);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() { folders.push(path) } else { files.push(path) }
         }
     }
-    println!("{} marks, {}", bench.service.marks(), bench.options.depth);
+    files.sort();
+    files
+}
+
+impl Table {
+    /// Files that carry none of the marks: themselves, and marked by somebody else.
+    async fn strangers(&self, folder: &Path) {
+        let mut random = ChaCha20Rng::from_seed([9; 32]);
+        let kind = EmbedParams { strength: self.options.strength, ..EmbedParams::default() };
+        let known: Vec<Vec<u8>> =
+            self.options.files.iter().map(|file| std::fs::read(file).unwrap()).collect();
+        let (mut best, mut wrong) = (0.0_f64, 0);
+        let [mut plain, mut marked] = [0; 2];
+        for path in files_below(folder) {
+            let bytes = std::fs::read(&path).unwrap();
+            let readable = Asset::read(&bytes, &Limits::default())
+                .is_ok_and(|asset| quadmark::watermark::Suspect::new(&asset.into_mesh()).is_ok());
+            if !readable {
+                continue;
+            }
+            let other = marks::marked(&bytes, kind, &mut random).ok();
+            marked += u32::from(other.is_some());
+            plain += 1;
+            // (A host as it is has been tried under all attacks.)
+            let plain = (!known.contains(&bytes)).then_some(bytes);
+            for suspect in plain.into_iter().chain(other) {
+                let verification = self.bench.verify(&suspect, None, self.options.depth).await;
+                let Some(found) = verification.matches.first() else { continue };
+                best = best.min(found.log10_fp);
+                if verification.verdict == Verdict::Match {
+                    wrong += 1;
+                    println!("!!! WRONG RECORD: {}: {found:#?}", path.display());
+                }
+            }
+        }
+        println!(
+            "{plain} files, {marked} of them also marked by somebody else: {wrong} wrong matches, \
+             least log10_fp {best:.2}"
+        );
+    }
+}
+
+async fn run(options: Options, data: &Path) {
+    let hosts = Host::all(&options.files);
+    let bench = Bench::start(data, options.others).await;
+    let kind =
+        Kind { method: Method::default(), strength: options.strength, bits: BitCount::default() };
+    let mut marks = Vec::new();
+    for host in &hosts {
+        for trial in 0..options.keys {
+            let owner = format!("{} {trial}", host.name);
+            marks.push((host, trial, bench.mark(&host.bytes, &owner, kind).await));
+        }
+    }
+    println!(
+        "{} marks, {}, strength {}",
+        bench.service.marks(),
+        options.depth,
+        options.strength.get()
+    );
+    let bench = Table { options, bench };
+    if let Some(folder) = &bench.options.strangers {
+        return bench.strangers(folder).await;
+    }
     print_head();
     let strangers = Sample::ALL.map(Host::generated);
     let wrong = |of, mark| Suspect { of, mark, bytes: &of.bytes, marked: false, trial: 0 };

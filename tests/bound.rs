@@ -6,12 +6,13 @@ mod support;
 
 use std::sync::Arc;
 
+use glam::DVec3;
 use quadmark::formats::{Asset, Limits};
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
-    BitCount, Codeword, CodewordIndex, Effort, GroupKey, Hypothesis, MarkKey, Message, Method,
-    Modulation, Suspect, Worth, synchronise,
+    BitCount, Codeword, CodewordIndex, Effort, EmbedParams, GroupKey, HostFilter, Hypothesis,
+    MarkKey, Message, Method, Modulation, Sighting, SoftBits, Suspect, Worth, synchronise,
 };
 use rayon::prelude::*;
 
@@ -91,6 +92,120 @@ fn no_more_codewords_reach_a_bound_than_it_says() {
             let lattices = synchronise(&suspect, bits, modulation, &effort);
             let searched = |key: GroupKey| lattices.of_class(key.class);
             assert_bounded(&format!("{name}, {modulation}, searched"), &index, &searched);
+        }
+    }
+}
+
+/// Codewords of whatever class: a reading that is for one class is as good for their bits.
+fn codewords(count: u32) -> Vec<Codeword> {
+    let message = Message::from_bytes(&[0; 8], BitCount::default()).unwrap();
+    let codeword = |id: u32| {
+        let mut key = [0x72; 32];
+        key[..4].copy_from_slice(&id.to_le_bytes());
+        Codeword::new(&MarkKey::from_bytes(key), &message)
+    };
+    (0..count).into_par_iter().map(codeword).collect()
+}
+
+/// The least score whose bound is at most `log10_bound`; `None` if none is.
+fn least_score(soft: &SoftBits, log10_bound: f64) -> Option<f64> {
+    let most: f64 = soft.signed_weights().iter().map(|w| w.abs()).sum();
+    let (mut low, mut high) = (0.0, most);
+    if soft.log10_bound(most) > log10_bound {
+        return None;
+    }
+    for _ in 0..60 {
+        let middle = f64::midpoint(low, high);
+        if soft.log10_bound(middle) <= log10_bound { high = middle } else { low = middle }
+    }
+    Some(high)
+}
+
+/// Asserts that at most `10^log10_bound` of the codewords reach a bound with each reading.
+fn assert_reading_bounded(what: &str, soft: &SoftBits, codewords: &[Codeword]) {
+    let scores: Vec<f64> = codewords.par_iter().map(|codeword| soft.score(codeword).t).collect();
+    let mut beyond = 0;
+    for log10_bound in [-1.0, -2.0, -2.5, -3.0, -3.5, -4.0] {
+        let Some(least) = least_score(soft, log10_bound) else { continue };
+        let reached = scores.iter().filter(|t| **t >= least).count();
+        let expected = codewords.len() as f64 * 10_f64.powf(log10_bound);
+        let most = expected + 4.0 * expected.sqrt() + 2.0;
+        assert!(reached as f64 <= most, "{what}, {log10_bound}: {reached} of at most {expected}");
+        beyond = beyond.max(reached);
+    }
+    println!("{what}: {beyond} of {} beyond 10^-1 of one", codewords.len());
+    // The bound is no better than chance allows, and not so loose that this shows nothing.
+    assert!(beyond as f64 >= 1e-3 * codewords.len() as f64, "{what}: {beyond}");
+}
+
+/// In [-1, 1], for each vertex and axis its own.
+fn noise(v: usize) -> DVec3 {
+    let one = |k: f64| (((v as f64 + 1.0) * k).sin() * 43_758.545_3).fract();
+    DVec3::new(one(12.9898), one(78.233), one(37.719))
+}
+
+/// What host frames and the matched filter read, of one record, from suspects that do not carry its
+/// mark: fresh codewords for the same host and suspect.
+#[test]
+fn no_more_codewords_reach_a_bound_of_the_host_s_detectors_than_it_says() {
+    let codewords = codewords(CODEWORDS);
+    let params = EmbedParams { method: Method::ExactMean, ..EmbedParams::default() };
+    for sample in [Sample::Blob, Sample::Knot] {
+        let file = to_obj(&sample.mesh(12_000).unwrap());
+        let read = |bytes: &[u8]| Asset::read(bytes, &Limits::default()).unwrap().into_mesh();
+        let host = read(&file);
+        let copies = ["one", "two"].map(|name| {
+            let message = support::message_named(name, params.bits);
+            let codeword = Codeword::new(&support::key_named(name), &message);
+            let marked = support::mark_named(name, &file, Method::ExactMean).unwrap().bytes;
+            (marked, codeword)
+        });
+        let [one, two] = [read(&copies[0].0), read(&copies[1].0)];
+        let again = support::mark_named("three", &copies[0].0, Method::ExactMean).unwrap().bytes;
+        let size = host.positions().iter().map(|p| p.length()).fold(0.0, f64::max);
+        let changed = |at: &dyn Fn(usize) -> DVec3| -> Vec<DVec3> {
+            (0..host.positions().len()).map(at).collect()
+        };
+        let mean = changed(&|v| one.positions()[v].midpoint(two.positions()[v]));
+        let noisy = changed(&|v| one.positions()[v] + 0.003 * size * noise(v));
+        let step = size / 32.0;
+        let coarse = changed(&|v| (one.positions()[v] / step).round() * step);
+        let suspects = [
+            ("the host", host.positions().to_vec()),
+            ("another's copy", one.positions().to_vec()),
+            ("another's copy with noise", noisy),
+            ("another's copy, quantised", coarse),
+            ("the mean of two others' copies", mean),
+            ("another's mark over another's", read(&again).positions().to_vec()),
+        ];
+        let own = HostFilter::new(&host, 77, &params).unwrap();
+        let frame = Suspect::new(&host).unwrap().frame();
+        let expected: Vec<Vec<DVec3>> = copies
+            .iter()
+            .map(|(_, codeword)| {
+                let filter = HostFilter::new(&host, codeword.lattice_class(), &params).unwrap();
+                filter.expected(codeword)
+            })
+            .collect();
+        let over = HostFilter::new(&host, 140, &params).unwrap();
+        for (name, positions) in suspects {
+            let carriers = (0..).zip(&own.surface().first_vertex);
+            let sightings: Vec<Sighting> = carriers
+                .map(|(carrier, &v)| Sighting { carrier, at: positions[v as usize] })
+                .collect();
+            let mesh = Mesh::new(positions, host.triangles().to_vec()).unwrap();
+            let suspect = Suspect::new(&mesh).unwrap();
+            let comparison = own.compare(&sightings);
+            let others: Vec<&[DVec3]> = expected.iter().map(Vec::as_slice).collect();
+            let readings = [
+                ("host frame", suspect.read_in(&frame, 77, params.bits, Modulation::Mean)),
+                ("matched filter", comparison.alone()),
+                ("beside others", comparison.beside(&others)),
+                ("below another", comparison.under(&over).unwrap()),
+            ];
+            for (detector, soft) in readings {
+                assert_reading_bounded(&format!("{sample}, {name}, {detector}"), &soft, &codewords);
+            }
         }
     }
 }

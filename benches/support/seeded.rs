@@ -9,6 +9,7 @@ use quadmark::keys::KeyRing;
 use sqlx::sqlite::{SqliteConnectOptions, SqlitePool};
 
 /// The median of some loads.
+#[allow(dead_code, reason = "not every benchmark times")]
 pub fn tobj_seconds(bytes: &[u8], loads: usize) -> f64 {
     let options = tobj::LoadOptions { triangulate: true, ..tobj::LoadOptions::default() };
     let mut times: Vec<f64> = (0..loads)

@@ -74,7 +74,7 @@ pub(super) async fn a_taken_idempotency_key_registers_nothing(registry: &dyn Reg
     registry.register(&first, Some(&entry(&first))).await.unwrap();
     let error = registry.register(&second, Some(&entry(&second))).await.unwrap_err();
     assert!(matches!(error, RegistryError::IdempotencyTaken), "{error}");
-    assert!(!registry.exists(second.id).await.unwrap());
+    assert!(registry.existing(&[second.id]).await.unwrap().is_empty());
     let found = registry.idempotency("acme", "retry-1").await.unwrap();
     assert_eq!(found, Some(entry(&first)));
     assert_eq!(registry.idempotency("other", "retry-1").await.unwrap(), None);
@@ -89,6 +89,18 @@ pub(super) async fn verdicts_are_kept(registry: &dyn Registry) {
     registry.keep_verification(&verification).await.unwrap();
     assert_eq!(registry.verification(verification.id).await.unwrap(), Some(verification));
     assert_eq!(registry.verification(Uuid::now_v7()).await.unwrap(), None);
+}
+
+pub(super) async fn many_records_at_once(registry: &dyn Registry) {
+    let records = [owned_by("acme"), owned_by("acme"), owned_by("other")];
+    for record in &records {
+        registry.register(record, None).await.unwrap();
+    }
+    let asked = [records[2].id, Uuid::now_v7(), records[0].id];
+    let found = registry.records(&asked).await.unwrap();
+    assert_eq!(found, [records[0].clone(), records[2].clone()]);
+    assert_eq!(registry.existing(&asked).await.unwrap(), [records[0].id, records[2].id]);
+    assert!(registry.records(&[]).await.unwrap().is_empty());
 }
 
 pub(super) async fn many_writers_at_once(registry: Arc<dyn Registry>) {

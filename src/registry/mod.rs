@@ -71,6 +71,9 @@ pub trait Registry: Send + Sync {
     /// One record, revoked or not.
     async fn record(&self, id: Uuid) -> Result<Option<Record>, RegistryError>;
 
+    /// Those of these records that exist, revoked or not, in the order of their ids.
+    async fn records(&self, ids: &[Uuid]) -> Result<Vec<Record>, RegistryError>;
+
     /// A page of records, newest first, revoked ones included.
     async fn page(
         &self,
@@ -110,8 +113,8 @@ pub trait Registry: Send + Sync {
     /// Marks a record as revoked, if it is not already; the record as it then is.
     async fn revoke(&self, id: Uuid, at: jiff::Timestamp) -> Result<Option<Record>, RegistryError>;
 
-    /// Which of these ids have a record: for sweeping blobs that no record owns.
-    async fn exists(&self, id: Uuid) -> Result<bool, RegistryError>;
+    /// Those of these ids that have a record, in order: for sweeping blobs that no record owns.
+    async fn existing(&self, ids: &[Uuid]) -> Result<Vec<Uuid>, RegistryError>;
 
     /// The fingerprint and the record that an idempotency key of this owner stands for.
     async fn idempotency(

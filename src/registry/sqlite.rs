@@ -102,6 +102,11 @@ fn lock(data: &Path) -> Result<File, RegistryError> {
     }
 }
 
+/// As `json_each` takes it: a statement of the same text for any number of ids.
+fn json_list(ids: &[Uuid]) -> String {
+    serde_json::json!(ids).to_string()
+}
+
 #[async_trait]
 impl Registry for Sqlite {
     async fn register(
@@ -136,6 +141,16 @@ impl Registry for Sqlite {
             .fetch_optional(&self.readers)
             .await?;
         row.as_ref().map(record_from_row).transpose()
+    }
+
+    async fn records(&self, ids: &[Uuid]) -> Result<Vec<Record>, RegistryError> {
+        let rows = sqlx::query(
+            "SELECT * FROM watermarks WHERE id IN (SELECT value FROM json_each(?)) ORDER BY id",
+        )
+        .bind(json_list(ids))
+        .fetch_all(&self.readers)
+        .await?;
+        rows.iter().map(record_from_row).collect()
     }
 
     async fn page(
@@ -266,12 +281,14 @@ impl Registry for Sqlite {
         row.as_ref().map(record_from_row).transpose()
     }
 
-    async fn exists(&self, id: Uuid) -> Result<bool, RegistryError> {
-        let row: Option<(i64,)> = sqlx::query_as("SELECT 1 FROM watermarks WHERE id = ?")
-            .bind(id.to_string())
-            .fetch_optional(&self.readers)
-            .await?;
-        Ok(row.is_some())
+    async fn existing(&self, ids: &[Uuid]) -> Result<Vec<Uuid>, RegistryError> {
+        let rows: Vec<(String,)> = sqlx::query_as(
+            "SELECT id FROM watermarks WHERE id IN (SELECT value FROM json_each(?)) ORDER BY id",
+        )
+        .bind(json_list(ids))
+        .fetch_all(&self.readers)
+        .await?;
+        rows.into_iter().map(|(id,)| id.parse().map_err(|_| bad_row(&id, "id"))).collect()
     }
 
     async fn idempotency(
@@ -377,6 +394,7 @@ mod tests {
         contract::a_taken_idempotency_key_registers_nothing(&registry).await;
         let registry = Sqlite::open(&fresh()).await.unwrap();
         contract::verdicts_are_kept(&registry).await;
+        contract::many_records_at_once(&registry).await;
         contract::sketches_are_kept_once_per_host(&registry).await;
         let registry = Sqlite::open(&fresh()).await.unwrap();
         contract::many_writers_at_once(Arc::new(registry)).await;
@@ -393,7 +411,7 @@ mod tests {
         drop(registry);
         let registry = Sqlite::open(directory.path()).await.unwrap();
         assert_eq!(registry.record(record.id).await.unwrap(), Some(record.clone()));
-        assert!(registry.exists(record.id).await.unwrap());
+        assert_eq!(registry.existing(&[record.id]).await.unwrap(), [record.id]);
         assert_eq!(registry.record(Uuid::now_v7()).await.unwrap(), None);
         registry.ping().await.unwrap();
     }

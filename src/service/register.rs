@@ -85,7 +85,7 @@ impl Service {
 
     async fn remove_unregistered(&self, id: Uuid) {
         // A commit whose answer was lost may have worked: then the blobs are needed.
-        if matches!(self.registry.exists(id).await, Ok(false))
+        if matches!(self.registry.existing(&[id]).await.as_deref(), Ok([]))
             && let Err(error) = self.blobs.remove(id).await
         {
             error!(%id, %error, "files of a failed request stay until the next start");

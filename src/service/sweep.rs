@@ -1,15 +1,22 @@
 //! Sweeping: at the start, what a crash left between blob and record is removed.
 
+use uuid::Uuid;
+
 use super::StartError;
 use crate::blobs::Blobs;
 use crate::registry::Registry;
+
+/// Ids that the registry is asked about at once.
+const BATCH: usize = 4096;
 
 /// Removes blobs that no record owns. Returns under how many ids. Only before requests are
 /// served: later it would take the blobs of a record that is being registered.
 pub(super) async fn sweep(blobs: &Blobs, registry: &dyn Registry) -> Result<usize, StartError> {
     let mut removed = 0;
-    for id in blobs.ids().await? {
-        if !registry.exists(id).await? {
+    let ids: Vec<Uuid> = blobs.ids().await?.into_iter().collect();
+    for ids in ids.chunks(BATCH) {
+        let owned = registry.existing(ids).await?;
+        for &id in ids.iter().filter(|id| owned.binary_search(id).is_err()) {
             blobs.remove(id).await?;
             removed += 1;
         }
@@ -20,7 +27,6 @@ pub(super) async fn sweep(blobs: &Blobs, registry: &dyn Registry) -> Result<usiz
 #[cfg(test)]
 mod tests {
     use bytes::Bytes;
-    use uuid::Uuid;
 
     use super::*;
     use crate::blobs::Kind;

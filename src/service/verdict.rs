@@ -51,11 +51,19 @@ pub enum StageName {
     HostFrames,
     /// Vertex by vertex against a host on the short list.
     MatchedFilter,
+    /// The same, with what other marks of the host's would explain taken away: one of several
+    /// recipients whose copies were averaged.
+    BesideOthers,
+    /// The same, with what a later mark of another lattice could have moved taken away.
+    BelowAnother,
+    /// The blind frame, for marks that are not asked about, but whose records may name one that is
+    /// and that they were laid over.
+    LaterMarks,
 }
 
 impl StageName {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 10] = [
         Self::Blind,
         Self::InPlace,
         Self::NearLattices,
@@ -63,6 +71,9 @@ impl StageName {
         Self::WideLattices,
         Self::HostFrames,
         Self::MatchedFilter,
+        Self::BesideOthers,
+        Self::BelowAnother,
+        Self::LaterMarks,
     ];
 
     /// Its name in answers.
@@ -76,6 +87,9 @@ impl StageName {
             Self::WideLattices => "wide_lattices",
             Self::HostFrames => "host_frames",
             Self::MatchedFilter => "matched_filter",
+            Self::BesideOthers => "beside_others",
+            Self::BelowAnother => "below_another",
+            Self::LaterMarks => "later_marks",
         }
     }
 }

@@ -37,7 +37,7 @@ pub use embed::{Embedding, embed};
 pub use error::WatermarkError;
 pub use extract::{Extraction, Reading, extract, extract_from_surface};
 pub use index::{Candidate, CodewordIndex, GroupKey, Hypothesis, Search, Worth};
-pub use matched::{HostFilter, Sighting};
+pub use matched::{Comparison, HostFilter, Sighting};
 pub use params::{BitCount, EmbedParams, Method, Modulation, Placement, Shaping, Strength};
 pub use pass::Host;
 pub use profile::Profile;

@@ -94,6 +94,17 @@ impl Profile {
             .collect()
     }
 
+    /// How far the statistics of a lattice class are above neutral in this frame, `None` for
+    /// erasures.
+    #[must_use]
+    pub fn bins(&self, class: u8, bits: BitCount, modulation: Modulation) -> Vec<Option<f64>> {
+        let Some(lattice) = Lattice::new(&self.frame, class, bits) else {
+            return vec![None; bits.get()];
+        };
+        let off = |s: &BinStatistic| (!s.is_erasure()).then_some(s.value - modulation.neutral());
+        self.statistics(&lattice, modulation).iter().map(off).collect()
+    }
+
     /// The soft bits of one lattice.
     #[must_use]
     pub fn read_lattice(&self, lattice: &Lattice, modulation: Modulation) -> SoftBits {

@@ -1,6 +1,9 @@
 //! Several marks: on one file, on copies of one file, and what a request wants done about marks
 //! that are already there.
 
+use glam::DVec3;
+use quadmark::formats::{Asset, Limits};
+use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use serde_json::Value;
 
@@ -165,5 +168,64 @@ async fn each_recipient_is_named_by_its_copy() {
         let verdict = server.verify(file_form(file)).await;
         assert_eq!(matches(&verdict), [id.as_str()], "{recipient}");
         assert_eq!(verdict["matches"][0]["recipient"], *recipient);
+    }
+}
+
+/// Each vertex in the middle of where the files have it.
+fn mean(files: &[&[u8]]) -> Vec<u8> {
+    let read = |file: &&[u8]| Asset::read(file, &Limits::default()).unwrap().into_mesh();
+    let copies: Vec<Mesh> = files.iter().map(read).collect();
+    let at = |v: usize| {
+        copies.iter().map(|copy| copy.positions()[v]).sum::<DVec3>() / copies.len() as f64
+    };
+    let positions = (0..copies[0].positions().len()).map(at).collect();
+    to_obj(&Mesh::new(positions, copies[0].triangles().to_vec()).unwrap())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn recipients_who_average_their_copies_are_all_named_and_nobody_else() {
+    let server = Server::start().await;
+    for sample in [Sample::Blob, Sample::Knot] {
+        let host = large(sample);
+        let mut copies = Vec::new();
+        for recipient in 0..6 {
+            let fields = [
+                owner("acme"),
+                ("recipient", recipient.to_string()),
+                ("strength", "0.1".to_owned()),
+                on_existing("allow"),
+            ];
+            copies.push(marked(mark_with(&server, &host, &fields).await).await);
+        }
+        for colluders in [&copies[..2], &copies[2..5], &copies[1..6]] {
+            let files: Vec<&[u8]> = colluders.iter().map(|(_, file)| file.as_slice()).collect();
+            let verdict = server.verify(file_form(&mean(&files))).await;
+            let mut named = matches(&verdict);
+            let mut meant: Vec<&str> = colluders.iter().map(|(id, _)| id.as_str()).collect();
+            named.sort_unstable();
+            meant.sort_unstable();
+            assert_eq!(named, meant, "{sample}: {verdict}");
+            // One of them alone, when the request asks about nobody else.
+            let form = file_form(&mean(&files)).text("watermark_id", meant[0].to_owned());
+            assert_eq!(matches(&server.verify(form).await), [meant[0]], "{sample}");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_overwritten_mark_is_found_for_its_owner_alone() {
+    let server = Server::start().await;
+    for sample in [Sample::Blob, Sample::Knot] {
+        let (first, file) = server.mark(&large(sample), "acme").await;
+        let (second, over) = server.mark(&file, "rival").await;
+        for (field, value) in [("owner_id", "acme"), ("watermark_id", first.as_str())] {
+            let verdict = server.verify(file_form(&over).text(field, value.to_owned())).await;
+            assert_eq!(matches(&verdict), [first.as_str()], "{sample}: {verdict}");
+            let under = &verdict["matches"][0]["under"];
+            assert!(under.is_null() || *under == *second, "{sample}: {verdict}");
+        }
+        let (_, other) = server.mark(&large(Sample::Gear), "somebody").await;
+        let verdict = server.verify(file_form(&other).text("owner_id", "acme")).await;
+        assert_eq!(verdict["verdict"], "no_match", "{verdict}");
     }
 }

@@ -1,5 +1,5 @@
 //! The dear detectors: a suspect is brought home to the hosts of a short list and read there, in the
-//! host's own frame and by the matched filter.
+//! host's own frame and by the matched filter (`recipients`).
 //!
 //! What may be scored is fixed before anything is: each host has a share of the error probability by
 //! its rank on the short list, each look at it a share of that, and within a look each record of the
@@ -15,7 +15,8 @@ use super::super::known::codeword;
 use super::super::verdict::{FrameName, StageName};
 use super::count::share;
 use super::homes::Homes;
-use super::ladder::{Climb, MOST_MATCHES};
+use super::ladder::{Climb, Found, MOST_MATCHES};
+use super::recipients::{Recipients, Seen};
 use super::{Depth, go_on};
 use crate::jobs::Stop;
 use crate::keys::KeyRing;
@@ -23,10 +24,16 @@ use crate::mesh::Mesh;
 use crate::recognition::{Home, Look, LookKind, Visitor, looks};
 use crate::registration::Effort;
 use crate::registry::Record;
-use crate::watermark::{Candidate, CodewordIndex, Frame, GroupKey, Hypothesis, Suspect, Worth};
+use crate::watermark::{Candidate, CodewordIndex, GroupKey, Hypothesis, Profile, Suspect, Worth};
 
 /// Fewer vertices than this that are known one by one say too little for the matched filter.
 const LEAST_SIGHTINGS: usize = 32;
+
+/// Share of its strength that a statistic of a sound mark has at least, and share of the bins of
+/// which that is expected. (The embedder gives up to a tenth of the bins less where more would be
+/// dear; in the mean of two copies it is a quarter to a half of them.)
+const SOUND: f64 = 0.6;
+const SOUND_BINS: f64 = 0.9;
 
 /// A host of the short list.
 pub(super) struct Housed {
@@ -34,15 +41,23 @@ pub(super) struct Housed {
     pub(super) home: Arc<Home>,
     /// Ids of its records that are asked about, ascending.
     pub(super) ids: Vec<u128>,
-    /// Some of them, newest first; at least one.
+    /// Its live records, asked about or not, oldest first (of very many the newest); at least one.
     pub(super) records: Vec<Record>,
+}
+
+impl Housed {
+    /// Whether the request asks about a record.
+    pub(super) fn is_asked(&self, id: u128) -> bool {
+        self.ids.binary_search(&id).is_ok()
+    }
 }
 
 /// What is compared.
 pub(super) struct Visit<'a> {
     pub(super) mesh: &'a Mesh,
     pub(super) suspect: &'a Suspect,
-    pub(super) marks: &'a CodewordIndex,
+    /// All live marks.
+    pub(super) all: &'a CodewordIndex,
     /// Likeliest first.
     pub(super) hosts: &'a [Housed],
     pub(super) keys: &'a KeyRing,
@@ -51,41 +66,38 @@ pub(super) struct Visit<'a> {
     pub(super) stop: &'a Stop,
 }
 
-/// How many recipients' copies of a host are run through the matched filter at a look.
-fn most_filtered(depth: Depth) -> usize {
-    if depth == Depth::Exhaustive { 64 } else { 8 }
-}
-
 fn effort(depth: Depth) -> Effort {
     if depth == Depth::Exhaustive { Effort::Thorough } else { Effort::Whole }
 }
 
 impl Visit<'_> {
-    /// Looks at host after host until a mark is recognised.
+    /// Looks at host after host until a mark is recognised. Where one is already, for which other
+    /// recipients there are, until they are looked for.
     pub(super) fn run(&self, climb: &mut Climb) -> Result<(), ServiceError> {
+        if let Some(found) = climb.best_match()
+            && self.is_sound(found)?
+        {
+            return Ok(());
+        }
         let visitor = Visitor::new(self.mesh, self.suspect.surface());
         let mut rank_share = 0.5;
         for housed in self.hosts {
             go_on(self.stop)?;
-            let marks = self.marks.only(&housed.ids);
-            let Some(frame) = housed.records.first().map(|record| record.frame) else { continue };
             let mut failed = None;
-            let mut see =
-                |look: Look| match self.read(housed, &marks, &frame, &look, rank_share, climb) {
-                    Ok(()) if climb.is_open() => ControlFlow::Continue(()),
-                    Ok(()) => ControlFlow::Break(()),
-                    Err(error) => {
-                        failed = Some(error);
-                        ControlFlow::Break(())
-                    }
-                };
+            let mut see = |look: Look| match self.read(housed, &look, rank_share, climb) {
+                Ok(flow) => flow,
+                Err(error) => {
+                    failed = Some(error);
+                    ControlFlow::Break(())
+                }
+            };
             let stop = || self.stop.now();
             let end = looks(&housed.home, &visitor, effort(self.depth), &stop, &mut see);
             if let Some(error) = failed {
                 return Err(error);
             }
             go_on(self.stop)?;
-            if end.is_break() {
+            if end.is_break() || !climb.is_open() {
                 return Ok(());
             }
             rank_share *= 0.5;
@@ -93,16 +105,34 @@ impl Visit<'_> {
         Ok(())
     }
 
+    /// Whether what was found looks like one mark and no mean of several: nearly all of its bins are
+    /// as far from neutral as the embedder put them.
+    fn is_sound(&self, found: &Found) -> Result<bool, ServiceError> {
+        let records = self.hosts.iter().flat_map(|housed| &housed.records);
+        let Some(record) = records.into_iter().find(|record| record.id == found.id) else {
+            return Ok(true);
+        };
+        let codeword = codeword(self.keys, &record.source())?;
+        let profile = self.suspect.in_frame(&found.candidate.hypothesis.frame);
+        let modulation = record.method.modulation();
+        let bins = profile.bins(codeword.lattice_class(), record.bits, modulation);
+        let (read, least) = (bins.iter().flatten(), SOUND * record.strength.get());
+        let sound = read.clone().filter(|off| off.abs() >= least).count();
+        Ok(sound as f64 >= SOUND_BINS * read.count() as f64)
+    }
+
+    /// Breaks when all is said.
     fn read(
         &self,
         housed: &Housed,
-        marks: &CodewordIndex,
-        frame: &Frame,
         look: &Look,
         rank_share: f64,
         climb: &mut Climb,
-    ) -> Result<(), ServiceError> {
+    ) -> Result<ControlFlow<()>, ServiceError> {
         go_on(self.stop)?;
+        let Some(frame) = housed.records.first().map(|record| look.frame_of(&record.frame)) else {
+            return Ok(ControlFlow::Break(()));
+        };
         let name = match look.kind {
             LookKind::InPlace | LookKind::Near => FrameName::InPlace,
             LookKind::SameOrder | LookKind::Registered(_) => FrameName::Registered,
@@ -110,60 +140,39 @@ impl Visit<'_> {
         let counted = |stage: StageName| {
             housed.ids.len() as f64 / (share(stage) * rank_share * look.kind.share())
         };
-        let there = look.frame_of(frame);
-        let stage = StageName::HostFrames;
-        let candidates = self.in_frame(marks, &there, climb.worth(counted(stage)));
-        climb.tried(stage, marks.len() as u64);
-        let likely: Vec<u128> = candidates.iter().map(|candidate| candidate.id).collect();
-        for candidate in candidates {
-            climb.add(stage, name, candidate, counted(stage));
+        let profile = self.suspect.in_frame(&frame);
+        let ranked = self.in_frame(housed, &profile);
+        climb.tried(StageName::HostFrames, housed.ids.len() as u64);
+        let ranking: Vec<u128> = ranked.iter().map(|candidate| candidate.id).collect();
+        let asked = ranked.into_iter().filter(|candidate| housed.is_asked(candidate.id));
+        for candidate in asked.take(MOST_MATCHES) {
+            climb.add(StageName::HostFrames, name, candidate, counted(StageName::HostFrames));
         }
-        if !climb.is_open() || look.sightings.len() < LEAST_SIGHTINGS {
-            return Ok(());
+        if let Some(found) = climb.best_match()
+            && (housed.records.len() == 1 || self.is_sound(found)?)
+        {
+            return Ok(ControlFlow::Break(()));
         }
-        let stage = StageName::MatchedFilter;
-        let mut chosen: Vec<&Record> = housed.records.iter().collect();
-        chosen.sort_by_key(|record| {
-            likely.iter().position(|&id| id == record.id.as_u128()).unwrap_or(usize::MAX)
-        });
-        for record in chosen.into_iter().take(most_filtered(self.depth)) {
-            go_on(self.stop)?;
-            let candidate = self.filtered(housed, record, &there, look)?;
-            climb.tried(stage, 1);
-            climb.add(stage, name, candidate, counted(stage));
-            if !climb.is_open() {
-                break;
-            }
+        if look.sightings.len() < LEAST_SIGHTINGS {
+            return Ok(ControlFlow::Continue(()));
         }
-        Ok(())
+        let seen = Seen { name, frame, profile: &profile, counted: &counted };
+        Recipients::new(self, housed, &ranking, &look.sightings).read(&seen, climb)
     }
 
-    /// Every record of the host, scored in its frame.
-    fn in_frame(&self, marks: &CodewordIndex, frame: &Frame, worth: Worth) -> Vec<Candidate> {
-        let profile = self.suspect.in_frame(frame);
+    /// The host's records that score better than chance in its frame, best first.
+    fn in_frame(&self, housed: &Housed, profile: &Profile) -> Vec<Candidate> {
+        let frame = profile.frame();
+        let mut ids: Vec<u128> = housed.records.iter().map(|r| r.id.as_u128()).collect();
+        ids.extend(&housed.ids);
+        ids.sort_unstable();
+        ids.dedup();
+        let marks = self.all.only(&ids);
         let read = |key: GroupKey| {
             let soft = Arc::new(profile.read(key.class, key.bits, key.modulation));
-            vec![Hypothesis { frame: *frame, soft }]
+            vec![Hypothesis { frame, soft }]
         };
-        marks.search(&read, Worth { most: MOST_MATCHES, ..worth }).candidates
-    }
-
-    fn filtered(
-        &self,
-        housed: &Housed,
-        record: &Record,
-        frame: &Frame,
-        look: &Look,
-    ) -> Result<Candidate, ServiceError> {
-        let codeword = codeword(self.keys, &record.source())?;
-        let filter = self.homes.filter((housed.key, &housed.home), record, &codeword)?;
-        let (soft, _) = filter.read(&look.sightings);
-        let score = soft.score(&codeword);
-        Ok(Candidate {
-            id: record.id.as_u128(),
-            log10_bound: soft.log10_bound(score.t),
-            score,
-            hypothesis: Hypothesis { frame: *frame, soft: Arc::new(soft) },
-        })
+        // (What does not match is ranked, too; no bound is above one.)
+        marks.search(&read, Worth { log10_bound: 0.0, most: usize::MAX }).candidates
     }
 }

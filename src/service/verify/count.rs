@@ -17,12 +17,13 @@ use super::super::verdict::StageName;
 pub(super) fn share(stage: StageName) -> f64 {
     match stage {
         // Plain copies have decades to spare; smoothed ones need each.
-        StageName::NearLattices => 0.5,
+        StageName::NearLattices => 0.40625,
         StageName::Blind | StageName::Lattices => 0.125,
         StageName::InPlace | StageName::HostFrames => 0.0625,
         // The marks that are hardest to read end here.
-        StageName::MatchedFilter => 0.09375,
-        StageName::WideLattices => 0.03125,
+        StageName::MatchedFilter => 0.125,
+        StageName::BesideOthers | StageName::BelowAnother => 0.03125,
+        StageName::WideLattices | StageName::LaterMarks => 0.015_625,
     }
 }
 

@@ -10,7 +10,7 @@ use super::super::ServiceError;
 use super::super::hosts::HostKey;
 use crate::recognition::Home;
 use crate::registry::Record;
-use crate::watermark::{BitCount, Codeword, EmbedParams, HostFilter, Method};
+use crate::watermark::{BitCount, EmbedParams, HostFilter, Method};
 
 /// Bytes that hosts, and as many that filters may take: some twenty hosts of 50,000 vertices each.
 const BYTES: u64 = 256 << 20;
@@ -69,14 +69,14 @@ impl Homes {
         self.homes.insert(key, home.clone());
     }
 
-    /// The filter of a record on its host.
+    /// The filter on a host of the marks of a lattice class that are otherwise like a record's.
     pub(super) fn filter(
         &self,
         host: (HostKey, &Home),
         record: &Record,
-        codeword: &Codeword,
+        class: u8,
     ) -> Result<Arc<HostFilter>, ServiceError> {
-        let (class, strength) = (codeword.lattice_class(), record.strength);
+        let strength = record.strength;
         let (method, bits) = (record.method, record.bits);
         let strength_bits = strength.get().to_bits();
         let key = FilterKey { host: host.0, class, method, strength_bits, bits };

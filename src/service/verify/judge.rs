@@ -27,7 +27,28 @@ impl Service {
             matches
                 .extend(live.map(|record| (record.existing_marks.clone(), named(record, &found))));
         }
-        let matches = self.with_those_below(matches).await?;
+        let asked = |id: Uuid| {
+            searched.named.as_ref().is_none_or(|named| named.iter().any(|record| record.id == id))
+        };
+        let mut below: Vec<(ExistingMark, Match)> = Vec::new();
+        for (existing, over) in &matches {
+            if over.log10_fp < thresholds.certain {
+                let existing = existing.iter().flatten();
+                below.extend(existing.map(|mark| (mark.clone(), over.clone())));
+            }
+        }
+        for found in searched.later {
+            let record = self.registry.record(found.id).await?;
+            let Some(record) = record.filter(|record| record.revoked_at.is_none()) else {
+                continue;
+            };
+            let existing = record.existing_marks.clone().into_iter().flatten();
+            let over = named(record, &found);
+            below.extend(existing.map(|mark| (mark, over.clone())));
+        }
+        below.retain(|(mark, _)| asked(mark.watermark_id));
+        let matches = matches.into_iter().map(|(_, found)| found).collect();
+        let matches = self.with_those_below(matches, below).await?;
         let verdict = match matches.first() {
             Some(best) if best.log10_fp < thresholds.certain => Verdict::Match,
             Some(_) => Verdict::Inconclusive,
@@ -60,23 +81,14 @@ impl Service {
 }
 
 impl Service {
-    /// Adds the marks that lie below those that match. A later mark takes an earlier one's place:
-    /// of 24 earlier marks of 64 bits on six meshes none was read again in the blind frame, nor in
-    /// the host's own (`benches/overmark.rs`), so dearer frames would not help. The record of the
-    /// later one names them.
+    /// Adds marks that lie below others, which match. A later mark takes an earlier one's place, and
+    /// what is left of that is not always enough; but the record of the later one names it.
     async fn with_those_below(
         &self,
-        read: Vec<(Option<Vec<ExistingMark>>, Match)>,
+        mut matches: Vec<Match>,
+        below: Vec<(ExistingMark, Match)>,
     ) -> Result<Vec<Match>, ServiceError> {
         let certain = self.thresholds().certain;
-        let (mut matches, mut below) = (Vec::new(), Vec::new());
-        for (existing, over) in read {
-            if over.log10_fp < certain {
-                let existing = existing.into_iter().flatten();
-                below.extend(existing.map(|mark| (mark, over.clone())));
-            }
-            matches.push(over);
-        }
         for (mark, over) in below {
             let id = mark.watermark_id;
             if matches.iter().any(|known| known.watermark_id == id && known.log10_fp < certain) {

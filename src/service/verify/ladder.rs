@@ -109,6 +109,12 @@ impl Climb {
         self.best.values().all(|found| found.log10_fp >= self.thresholds.certain)
     }
 
+    /// The record that matches best.
+    pub(super) fn best_match(&self) -> Option<&Found> {
+        let matches = self.best.values().filter(|found| found.log10_fp < self.thresholds.certain);
+        matches.min_by(|a, b| a.log10_fp.total_cmp(&b.log10_fp).then(a.id.cmp(&b.id)))
+    }
+
     /// What is worth a report when the bound is multiplied by `counted`.
     pub(super) fn worth(&self, counted: f64) -> Worth {
         Worth { log10_bound: self.thresholds.inconclusive - counted.log10(), most: MOST_MATCHES }

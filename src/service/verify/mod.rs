@@ -14,7 +14,9 @@ mod homes;
 mod in_place;
 mod judge;
 mod ladder;
+mod later;
 mod lattices;
+mod recipients;
 mod shortlist;
 
 use std::fmt;
@@ -35,7 +37,8 @@ use crate::registry::{Record, StoredVerification};
 use crate::watermark::{CodewordIndex, Suspect};
 use at_home::{Housed, Visit};
 pub(super) use homes::Homes;
-use ladder::{Case, Climb, Climbed};
+use ladder::{Case, Climb, Climbed, Found};
+use later::later_marks;
 use shortlist::Listed;
 
 /// A suspect, and what it is compared with.
@@ -99,6 +102,10 @@ struct Searched {
     vertices: usize,
     triangles: usize,
     climbed: Climbed,
+    /// Marks that were not asked about: only what their records say of those that were counts.
+    later: Vec<Found>,
+    /// The records that the request names.
+    named: Option<Arc<Vec<Record>>>,
 }
 
 /// What the first job hands to the second.
@@ -106,8 +113,11 @@ struct Begun {
     format: Format,
     mesh: Mesh,
     suspect: Suspect,
+    /// All marks, and those that are asked about.
+    all: CodewordIndex,
     marks: CodewordIndex,
     climb: Climb,
+    later: Vec<Found>,
     /// Hosts to look at; none when the verdict is clear or the depth does not ask for more.
     listed: Vec<(HostKey, Vec<Uuid>)>,
 }
@@ -191,24 +201,29 @@ impl Service {
         go_on(stop)?;
         let suspect = Suspect::new(&mesh)?;
         go_on(stop)?;
-        let marks = self.known.marks();
+        let all = self.known.marks();
         let marks = match named {
-            None => marks,
+            None => all.clone(),
             Some(records) => {
                 let mut ids: Vec<u128> = records.iter().map(|record| record.id.as_u128()).collect();
                 ids.sort_unstable();
-                marks.only(&ids)
+                all.only(&ids)
             }
         };
         let mut climb = Climb::new(self.thresholds());
         let case = Case { suspect: &suspect, marks: &marks, named, keys: &self.keys, stop };
         climb.run(&case, ladder::stages(depth))?;
+        let later = if named.is_some() && climb.is_open() {
+            later_marks(&case, &all, self.thresholds(), &mut climb)?
+        } else {
+            Vec::new()
+        };
         let listed = if climb.is_open() && depth != Depth::Fast && !marks.is_empty() {
             self.shortlist(&suspect, named, depth)
         } else {
             Vec::new()
         };
-        Ok(Begun { format, mesh, suspect, marks, climb, listed })
+        Ok(Begun { format, mesh, suspect, all, marks, climb, later, listed })
     }
 
     /// Looks at the hosts of the short list, if there is one, and climbs on.
@@ -219,11 +234,21 @@ impl Service {
         depth: Depth,
         bytes: u64,
     ) -> Result<Searched, ServiceError> {
-        let Begun { format, mesh, suspect, marks, mut climb, listed } = begun;
+        let Begun { format, mesh, suspect, all, marks, mut climb, later, mut listed } = begun;
         let (vertices, triangles) = (mesh.positions().len(), mesh.triangles().len());
-        let of = |climb: Climb| Searched { format, vertices, triangles, climbed: climb.finish() };
-        if !climb.is_open() || depth == Depth::Fast {
+        let asked = named.clone();
+        let of = |climb: Climb| {
+            let climbed = climb.finish();
+            Searched { format, vertices, triangles, climbed, later, named: asked }
+        };
+        if depth == Depth::Fast {
             return Ok(of(climb));
+        }
+        if let Some(found) = climb.best_match() {
+            listed = Vec::from_iter(self.recipients_beside(found.id).await?);
+            if listed.is_empty() {
+                return Ok(of(climb));
+            }
         }
         let records = named.as_ref().map(|records| records.as_slice());
         let hosts = self.fetch(listed, records).await?;
@@ -234,9 +259,9 @@ impl Service {
                 let housed: Result<Vec<Option<Housed>>, ServiceError> =
                     hosts.into_iter().map(|listed| service.housed(listed)).collect();
                 let hosts: Vec<Housed> = housed?.into_iter().flatten().collect();
-                let (mesh, suspect, marks) = (&mesh, &suspect, &marks);
+                let (mesh, suspect, all, marks) = (&mesh, &suspect, &all, &marks);
                 let (keys, homes, hosts) = (&service.keys, &service.homes, hosts.as_slice());
-                Visit { mesh, suspect, marks, hosts, keys, homes, depth, stop }.run(&mut climb)?;
+                Visit { mesh, suspect, all, hosts, keys, homes, depth, stop }.run(&mut climb)?;
                 let named = named.as_ref().map(|records| records.as_slice());
                 let case = Case { suspect, marks, named, keys, stop };
                 climb.run(&case, ladder::late_stages(depth))?;

@@ -17,7 +17,7 @@ use crate::registry::Record;
 use crate::watermark::Suspect;
 
 /// Records of a host whose details are fetched: the newest. (All are scored in the host's frame.)
-const DETAILED: usize = 64;
+const DETAILED: usize = 4096;
 
 /// Hosts on the list.
 fn most(depth: Depth) -> usize {
@@ -83,28 +83,35 @@ impl Service {
         named: Option<&[Record]>,
     ) -> Result<Vec<Listed>, ServiceError> {
         let mut fetched = Vec::new();
-        for (key, mut of_host) in listed {
-            if let Some(named) = named {
-                of_host.retain(|id| named.iter().any(|record| record.id == *id));
-            }
-            let mut records = Vec::new();
-            for &id in of_host.iter().rev().take(DETAILED) {
-                let record = self.registry.record(id).await?;
-                records.extend(record.filter(|record| record.revoked_at.is_none()));
-            }
+        for (key, of_host) in listed {
+            let newest = of_host.split_at(of_host.len().saturating_sub(DETAILED)).1;
+            let mut records = self.registry.records(newest).await?;
+            records.retain(|record| record.revoked_at.is_none());
+            let asked = |id: &&Uuid| named.is_none_or(|named| named.iter().any(|r| r.id == **id));
+            let mut ids: Vec<u128> = of_host.iter().filter(asked).map(Uuid::as_u128).collect();
             let home = self.homes.home(key);
             let geometry = match home {
                 Some(_) => None,
                 None => self.geometry_of(&records).await?,
             };
-            if records.is_empty() || (home.is_none() && geometry.is_none()) {
+            if records.is_empty() || ids.is_empty() || (home.is_none() && geometry.is_none()) {
                 continue;
             }
-            let mut ids: Vec<u128> = of_host.iter().map(Uuid::as_u128).collect();
             ids.sort_unstable();
             fetched.push(Listed { key, home, geometry, ids, records });
         }
         Ok(fetched)
+    }
+
+    /// The host of a record with its records, if it was marked for others, too.
+    pub(super) async fn recipients_beside(
+        &self,
+        id: Uuid,
+    ) -> Result<Option<(HostKey, Vec<Uuid>)>, ServiceError> {
+        let Some(record) = self.registry.record(id).await? else { return Ok(None) };
+        let key = HostKey::new(&record.host_sha256);
+        let records = self.hosts.records_of(key);
+        Ok((record.host_kept && records.len() > 1).then_some((key, records)))
     }
 
     /// All records of a host have the same; an operator may have removed some.

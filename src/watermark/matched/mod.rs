@@ -14,14 +14,14 @@
 //! Nothing here may depend on the codeword. Must not know how suspects are brought into the host's
 //! coordinates, or which of their vertices is whose.
 
+mod comparison;
 mod estimate;
-mod reading;
 mod smoothing;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-pub use reading::Reading;
+pub use comparison::Comparison;
 use smoothing::{HALF, Smoothing};
 
 use super::bins::{Frame, Lattice, norms};
@@ -150,15 +150,15 @@ impl HostFilter {
 
     /// A suspect looked at through this filter.
     #[must_use]
-    pub fn look(&self, sightings: &[Sighting]) -> Reading<'_> {
-        Reading::new(self, sightings)
+    pub fn compare(&self, sightings: &[Sighting]) -> Comparison<'_> {
+        Comparison::new(self, sightings)
     }
 
     /// Soft bits of a suspect; also how many rounds of smoothing it seems to have been through.
     #[must_use]
     pub fn read(&self, sightings: &[Sighting]) -> (SoftBits, usize) {
-        let reading = self.look(sightings);
-        (reading.alone(), reading.rounds())
+        let comparison = self.compare(sightings);
+        (comparison.alone(), comparison.rounds())
     }
 
     /// Where a copy that carries `codeword`, one of this filter's lattice class, has the carriers.
@@ -370,7 +370,7 @@ mod tests {
         let (soft, rounds) = filter.read(&sightings(&field));
         assert_eq!(rounds, 10);
         let alike = soft.log10_bound(soft.score(&marked.codeword).t);
-        let unlike = Reading::after(&filter, &sightings(&field), 0, &filter.middle).alone();
+        let unlike = Comparison::after(&filter, &sightings(&field), 0, &filter.middle).alone();
         let unlike = unlike.log10_bound(unlike.score(&marked.codeword).t);
         let stride = filter.stride;
         assert!(alike < -5.0 && alike < unlike - 2.0, "{alike} {unlike} {stride}");

@@ -20,7 +20,7 @@ use crate::watermark::SoftBits;
 
 /// A suspect, made ready to be read.
 #[derive(Debug)]
-pub struct Reading<'a> {
+pub struct Comparison<'a> {
     filter: &'a HostFilter,
     rounds: usize,
     /// Per carrier its weight, zero where it was not seen.
@@ -32,7 +32,7 @@ pub struct Reading<'a> {
     along: Vec<f64>,
 }
 
-impl<'a> Reading<'a> {
+impl<'a> Comparison<'a> {
     pub(super) fn new(filter: &'a HostFilter, sightings: &[Sighting]) -> Self {
         let (rounds, middle) = filter.smoothed_alike(sightings);
         Self::after(filter, sightings, rounds, &middle)
@@ -179,7 +179,7 @@ mod tests {
         let bounds = |k: usize| {
             let others: Vec<&[DVec3]> =
                 (0..expected.len()).filter(|b| *b != k).map(|b| expected[b].as_slice()).collect();
-            let reading = filters[k].look(&sightings);
+            let reading = filters[k].compare(&sightings);
             [reading.alone(), reading.beside(&others)]
                 .map(|soft| soft.log10_bound(soft.score(&codewords[k]).t))
         };
@@ -228,7 +228,7 @@ mod tests {
             let at =
                 |(carrier, &v): (u32, &u32)| Sighting { carrier, at: now.positions()[v as usize] };
             let sightings: Vec<Sighting> = (0..).zip(&surface.first_vertex).map(at).collect();
-            let reading = filter.look(&sightings);
+            let reading = filter.compare(&sightings);
             let bound = |soft: SoftBits, c: &Codeword| soft.log10_bound(soft.score(c).t);
             let alone = bound(reading.alone(), &earlier);
             let below = bound(reading.under(&over).unwrap(), &earlier);

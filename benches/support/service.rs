@@ -1,0 +1,92 @@
+//! A service in this process, over a data directory with many other records, as the benchmarks of
+//! verification use it.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use quadmark::keys::KeyRing;
+use quadmark::registry::Record;
+use quadmark::service::{
+    Depth, EmbedRequest, OnExisting, Service, Spooled, Text, Verification, VerifyRequest,
+};
+use quadmark::watermark::{BitCount, Codeword, MarkKey, Message, Method, Strength};
+
+use crate::seeded::{config, seed};
+
+/// A registered mark and its file.
+#[allow(dead_code)] // not every benchmark reads everything
+pub struct Mark {
+    pub record: Record,
+    pub bytes: Vec<u8>,
+    pub codeword: Codeword,
+}
+
+/// How to mark.
+#[derive(Clone, Copy)]
+pub struct Kind {
+    pub method: Method,
+    pub strength: Strength,
+    pub bits: BitCount,
+}
+
+/// The service and its keys.
+pub struct Bench {
+    pub service: Arc<Service>,
+    keys: KeyRing,
+}
+
+impl Bench {
+    /// Over a data directory that is filled up to so many records by others.
+    pub async fn start(data: &Path, others: u64) -> Self {
+        // The first start makes the schema and the master key.
+        Service::open(config(data)).await.unwrap().close().await;
+        seed(data, others).await;
+        let service = Service::open(config(data)).await.unwrap();
+        let keys = KeyRing::open(&data.join("master.keys")).unwrap();
+        Self { service, keys }
+    }
+
+    async fn upload(&self, bytes: &[u8]) -> Spooled {
+        let spool = self.service.spool().unwrap().write(bytes).await.unwrap();
+        spool.end(None).await.unwrap()
+    }
+
+    /// Marks a file, which is kept, for an owner. A later run over the same directory gets the same
+    /// mark again.
+    pub async fn mark(&self, file: &[u8], owner: &str, kind: Kind) -> Mark {
+        let request = EmbedRequest {
+            file: self.upload(file).await,
+            owner_id: Text::parse("owner_id", owner).unwrap(),
+            recipient: None,
+            label: None,
+            method: kind.method,
+            strength: Some(kind.strength),
+            max_distortion: None,
+            bits: kind.bits,
+            payload: None,
+            keep_file: true,
+            keep_host: true,
+            on_existing: OnExisting::Allow,
+            idempotency_key: Some(format!(
+                "{}/{}/{}",
+                kind.method,
+                kind.strength.get(),
+                kind.bits.get()
+            )),
+        };
+        let embedded = self.service.embed(request).await.unwrap();
+        let record = embedded.record;
+        let key = self.keys.mark_key(&record.key_id, &record.salt, &record.owner_id).unwrap();
+        let message = Message::from_bytes(&record.message, record.bits).unwrap();
+        let codeword = Codeword::new(&MarkKey::from_bytes(*key), &message);
+        Mark { record, bytes: embedded.bytes.to_vec(), codeword }
+    }
+
+    /// Whose marks a file carries; with an owner, which of that owner's.
+    pub async fn verify(&self, file: &[u8], owner: Option<&str>, depth: Depth) -> Verification {
+        let file = self.upload(file).await;
+        let owner_id = owner.map(|owner| Text::parse("owner_id", owner).unwrap());
+        let request = VerifyRequest { file, owner_id, watermark_id: None, depth };
+        self.service.verify(request).await.unwrap()
+    }
+}

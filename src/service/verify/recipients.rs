@@ -1,0 +1,193 @@
+//! The matched filter for the records of one host, from one look: each mark alone, then beside the
+//! others (recipients who averaged their copies), then below a later one (whoever set it).
+//!
+//! Which others a record is read beside follows from their codewords and the suspect, never from its
+//! own: the [`BESIDE`] that score best without it. Which lattice it is read below follows from the
+//! suspect alone.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::super::ServiceError;
+use super::super::known::codeword;
+use super::super::verdict::{FrameName, StageName};
+use super::at_home::{Housed, Visit};
+use super::ladder::Climb;
+use super::{Depth, go_on};
+use crate::registry::Record;
+use crate::watermark::{
+    Candidate, Codeword, Comparison, Frame, HostFilter, Hypothesis, Profile, Sighting, SoftBits,
+};
+
+/// Others that a mark is read beside.
+const BESIDE: usize = 9;
+
+/// How many recipients' copies of a host are run through the matched filter at a look, and of
+/// these how many below a later mark.
+fn most_filtered(depth: Depth) -> (usize, usize) {
+    if depth == Depth::Exhaustive { (64, 16) } else { (10, 2) }
+}
+
+/// What a look assumes, and what a stage's bounds are multiplied by there.
+pub(super) struct Seen<'a> {
+    pub(super) name: FrameName,
+    /// The host's frame in the suspect's coordinates.
+    pub(super) frame: Frame,
+    /// The suspect in that frame.
+    pub(super) profile: &'a Profile,
+    pub(super) counted: &'a dyn Fn(StageName) -> f64,
+}
+
+/// A record's filter on the host and its codeword.
+struct Filtered<'a> {
+    record: &'a Record,
+    codeword: Codeword,
+    filter: Arc<HostFilter>,
+}
+
+/// The records of a host, and where a look has its carriers.
+pub(super) struct Recipients<'a> {
+    visit: &'a Visit<'a>,
+    housed: &'a Housed,
+    sightings: &'a [Sighting],
+    /// The records that score best in the host's frame, one more than each is read beside.
+    best: Vec<&'a Record>,
+    /// The records that are asked about, likeliest first.
+    asked: Vec<&'a Record>,
+}
+
+impl<'a> Recipients<'a> {
+    /// `ranking` are ids, those that score best in the host's frame first.
+    pub(super) fn new(
+        visit: &'a Visit<'a>,
+        housed: &'a Housed,
+        ranking: &[u128],
+        sightings: &'a [Sighting],
+    ) -> Self {
+        let of = |id: &u128| {
+            let at = housed.records.binary_search_by_key(id, |record| record.id.as_u128()).ok()?;
+            housed.records.get(at)
+        };
+        let ranked: Vec<&Record> = ranking.iter().filter_map(of).collect();
+        let is_ranked = |record: &&Record| ranked.iter().any(|known| known.id == record.id);
+        // (The rest, newest first: bins say nothing of a suspect that is much damaged.)
+        let rest = housed.records.iter().rev().filter(|record| !is_ranked(record));
+        let asked = ranked.iter().copied().chain(rest);
+        let asked = asked.filter(|record| housed.is_asked(record.id.as_u128()));
+        let asked = asked.take(most_filtered(visit.depth).0).collect();
+        let best = ranked.into_iter().take(BESIDE + 1).collect();
+        Self { visit, housed, sightings, best, asked }
+    }
+
+    /// Scores them; breaks when all is said.
+    pub(super) fn read(
+        &self,
+        seen: &Seen<'_>,
+        climb: &mut Climb,
+    ) -> Result<ControlFlow<()>, ServiceError> {
+        let asked: Result<Vec<Filtered>, ServiceError> =
+            self.asked.iter().map(|record| self.filtered(record)).collect();
+        let asked = asked?;
+        let mut readings: Vec<(&Filtered, Comparison)> = Vec::new();
+        for filtered in &asked {
+            go_on(self.visit.stop)?;
+            let reading = filtered.filter.compare(self.sightings);
+            self.score(StageName::MatchedFilter, filtered, reading.alone(), seen, climb);
+            readings.push((filtered, reading));
+            if self.housed.records.len() == 1 && !climb.is_open() {
+                return Ok(ControlFlow::Break(()));
+            }
+        }
+        self.beside(&readings, seen, climb)?;
+        if climb.is_open() {
+            self.below(&readings, seen, climb)?;
+        }
+        Ok(if climb.is_open() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
+    }
+
+    fn beside(
+        &self,
+        readings: &[(&Filtered<'_>, Comparison<'_>)],
+        seen: &Seen<'_>,
+        climb: &mut Climb,
+    ) -> Result<(), ServiceError> {
+        let mut expected: Vec<(&Record, Vec<DVec3>)> = Vec::new();
+        if self.housed.records.len() > 1 {
+            for record in &self.best {
+                go_on(self.visit.stop)?;
+                let Filtered { codeword, filter, .. } = self.filtered(record)?;
+                expected.push((record, filter.expected(&codeword)));
+            }
+        }
+        for (filtered, reading) in readings {
+            go_on(self.visit.stop)?;
+            let others = expected.iter().filter(|(record, _)| record.id != filtered.record.id);
+            let others: Vec<&[DVec3]> = others.map(|(_, at)| at.as_slice()).take(BESIDE).collect();
+            if !others.is_empty() {
+                let soft = reading.beside(&others);
+                self.score(StageName::BesideOthers, filtered, soft, seen, climb);
+            }
+        }
+        Ok(())
+    }
+
+    fn below(
+        &self,
+        readings: &[(&Filtered<'_>, Comparison<'_>)],
+        seen: &Seen<'_>,
+        climb: &mut Climb,
+    ) -> Result<(), ServiceError> {
+        for (filtered, reading) in readings.iter().take(most_filtered(self.visit.depth).1) {
+            go_on(self.visit.stop)?;
+            let Filtered { record, codeword, .. } = filtered;
+            let class = later_class(seen.profile, record, codeword.lattice_class());
+            let over =
+                self.visit.homes.filter((self.housed.key, &self.housed.home), record, class)?;
+            if let Some(soft) = reading.under(&over) {
+                self.score(StageName::BelowAnother, filtered, soft, seen, climb);
+            }
+        }
+        Ok(())
+    }
+
+    fn filtered(&self, record: &'a Record) -> Result<Filtered<'a>, ServiceError> {
+        let codeword = codeword(self.visit.keys, &record.source())?;
+        let host = (self.housed.key, &*self.housed.home);
+        let filter = self.visit.homes.filter(host, record, codeword.lattice_class())?;
+        Ok(Filtered { record, codeword, filter })
+    }
+
+    fn score(
+        &self,
+        stage: StageName,
+        of: &Filtered<'_>,
+        soft: SoftBits,
+        seen: &Seen<'_>,
+        climb: &mut Climb,
+    ) {
+        let score = soft.score(&of.codeword);
+        let candidate = Candidate {
+            id: of.record.id.as_u128(),
+            log10_bound: soft.log10_bound(score.t),
+            score,
+            hypothesis: Hypothesis { frame: seen.frame, soft: Arc::new(soft) },
+        };
+        climb.tried(stage, 1);
+        climb.add(stage, seen.name, candidate, (seen.counted)(stage));
+    }
+}
+
+/// The lattice class, other than a record's own, whose bins are farthest from neutral: that of a
+/// later mark, if there is one.
+fn later_class(profile: &Profile, record: &Record, own: u8) -> u8 {
+    let modulation = record.method.modulation();
+    let size = |class: u8| -> f64 {
+        let bins = profile.bins(class, record.bits, modulation);
+        bins.iter().flatten().map(|off| off.abs()).sum()
+    };
+    let sizes = (0..=u8::MAX).filter(|&class| class != own).map(|class| (size(class), class));
+    let largest = |a: &(f64, u8), b: &(f64, u8)| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1));
+    sizes.max_by(largest).map_or(own, |(_, class)| class)
+}
