@@ -82,14 +82,14 @@ pub trait Registry: Send + Sync {
         limit: u32,
     ) -> Result<Page, RegistryError>;
 
-    /// At most `limit` records that are not revoked, of one owner or of all, oldest first,
-    /// after `after`.
-    async fn live(
+    /// Ids of at most `limit` of an owner's records that are not revoked, oldest first, after
+    /// `after`.
+    async fn live_ids(
         &self,
-        owner_id: Option<&str>,
+        owner_id: &str,
         after: Option<Uuid>,
         limit: u32,
-    ) -> Result<Vec<Record>, RegistryError>;
+    ) -> Result<Vec<Uuid>, RegistryError>;
 
     /// Number of the last row: rows are numbered from 1 in the order of registration, perhaps with
     /// gaps.

@@ -8,6 +8,7 @@ use super::super::known::codeword;
 use super::super::verdict::{FrameName, StageName};
 use super::go_on;
 use super::ladder::{Case, MOST_MATCHES, Stage, Tried};
+use super::named::Named;
 use crate::keys::KeyRing;
 use crate::registry::Record;
 use crate::watermark::{Candidate, Hypothesis, Suspect, Worth};
@@ -28,7 +29,8 @@ impl Stage for InPlace {
 
     fn run(&self, case: &Case<'_>, worth: Worth) -> Result<Tried, ServiceError> {
         let mut tried = Tried::default();
-        for record in case.named.unwrap_or_default().iter().rev().take(MOST_RECORDS) {
+        let records = case.named.map(Named::records).unwrap_or_default();
+        for record in records.iter().rev().take(MOST_RECORDS) {
             go_on(case.stop)?;
             let candidate = score(case.suspect, record, case.keys)?;
             tried.hypotheses += 1;

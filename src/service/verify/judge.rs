@@ -27,9 +27,7 @@ impl Service {
             matches
                 .extend(live.map(|record| (record.existing_marks.clone(), named(record, &found))));
         }
-        let asked = |id: Uuid| {
-            searched.named.as_ref().is_none_or(|named| named.iter().any(|record| record.id == id))
-        };
+        let asked = |id| searched.named.as_ref().is_none_or(|named| named.contains(id));
         let mut below: Vec<(ExistingMark, Match)> = Vec::new();
         for (existing, over) in &matches {
             if over.log10_fp < thresholds.certain {

@@ -14,10 +14,10 @@ use super::blind::Blind;
 use super::count::counted;
 use super::in_place::InPlace;
 use super::lattices::LatticeSearch;
+use super::named::Named;
 use super::{Depth, go_on};
 use crate::jobs::Stop;
 use crate::keys::KeyRing;
-use crate::registry::Record;
 use crate::watermark::{Candidate, CodewordIndex, Suspect, Worth};
 
 /// Matches listed at most.
@@ -28,8 +28,8 @@ pub(super) struct Case<'a> {
     pub(super) suspect: &'a Suspect,
     /// The marks that it is compared with.
     pub(super) marks: &'a CodewordIndex,
-    /// Their records, oldest first, when the request names some.
-    pub(super) named: Option<&'a [Record]>,
+    /// What the request names.
+    pub(super) named: Option<&'a Named>,
     pub(super) keys: &'a KeyRing,
     pub(super) stop: &'a Stop,
 }

@@ -16,6 +16,7 @@ mod judge;
 mod ladder;
 mod later;
 mod lattices;
+mod named;
 mod recipients;
 mod shortlist;
 
@@ -29,16 +30,17 @@ use uuid::Uuid;
 
 use super::hosts::HostKey;
 use super::verdict::Verification;
-use super::{BATCH, Service, ServiceError, Spooled, Text};
+use super::{Service, ServiceError, Spooled, Text};
 use crate::formats::{Asset, Format};
 use crate::jobs::{JobError, Stop};
 use crate::mesh::Mesh;
-use crate::registry::{Record, StoredVerification};
+use crate::registry::StoredVerification;
 use crate::watermark::{CodewordIndex, Suspect};
 use at_home::{Housed, Visit};
 pub(super) use homes::Homes;
 use ladder::{Case, Climb, Climbed, Found};
 use later::later_marks;
+use named::Named;
 use shortlist::Listed;
 
 /// A suspect, and what it is compared with.
@@ -105,7 +107,7 @@ struct Searched {
     /// Marks that were not asked about: only what their records say of those that were counts.
     later: Vec<Found>,
     /// The records that the request names.
-    named: Option<Arc<Vec<Record>>>,
+    named: Option<Arc<Named>>,
 }
 
 /// What the first job hands to the second.
@@ -139,7 +141,7 @@ impl Service {
         let begun = self
             .run(bytes, move |stop| {
                 let bytes = file.read()?;
-                let named = known.as_ref().map(|records| records.as_slice());
+                let named = known.as_deref();
                 service.begin(&bytes, named, depth, stop)
             })
             .await?;
@@ -165,33 +167,11 @@ impl Service {
         Ok(found.ok_or(ServiceError::UnknownVerification(id))?.answer)
     }
 
-    /// The live records that the request names, oldest first; `None` when it names nothing.
-    async fn named(&self, request: &VerifyRequest) -> Result<Option<Vec<Record>>, ServiceError> {
-        let owner_id = request.owner_id.as_ref().map(Text::as_str);
-        if let Some(id) = request.watermark_id {
-            let record =
-                self.registry.record(id).await?.ok_or(ServiceError::UnknownWatermark(id))?;
-            let theirs = owner_id.is_none_or(|owner_id| record.owner_id == owner_id);
-            let live = record.revoked_at.is_none();
-            return Ok(Some(Vec::from_iter((theirs && live).then_some(record))));
-        }
-        if owner_id.is_none() {
-            return Ok(None);
-        }
-        let (mut all, mut after) = (Vec::new(), None);
-        loop {
-            let records = self.registry.live(owner_id, after, BATCH).await?;
-            let Some(last) = records.last() else { return Ok(Some(all)) };
-            after = Some(last.id);
-            all.extend(records);
-        }
-    }
-
     /// On the pool: reads the suspect and climbs as far as suspect and marks alone lead.
     fn begin(
         &self,
         bytes: &[u8],
-        named: Option<&[Record]>,
+        named: Option<&Named>,
         depth: Depth,
         stop: &Stop,
     ) -> Result<Begun, ServiceError> {
@@ -204,11 +184,7 @@ impl Service {
         let all = self.known.marks();
         let marks = match named {
             None => all.clone(),
-            Some(records) => {
-                let mut ids: Vec<u128> = records.iter().map(|record| record.id.as_u128()).collect();
-                ids.sort_unstable();
-                all.only(&ids)
-            }
+            Some(named) => all.only(named.ids()),
         };
         let mut climb = Climb::new(self.thresholds());
         let case = Case { suspect: &suspect, marks: &marks, named, keys: &self.keys, stop };
@@ -230,7 +206,7 @@ impl Service {
     async fn end(
         self: &Arc<Self>,
         begun: Begun,
-        named: Option<Arc<Vec<Record>>>,
+        named: Option<Arc<Named>>,
         depth: Depth,
         bytes: u64,
     ) -> Result<Searched, ServiceError> {
@@ -250,8 +226,7 @@ impl Service {
                 return Ok(of(climb));
             }
         }
-        let records = named.as_ref().map(|records| records.as_slice());
-        let hosts = self.fetch(listed, records).await?;
+        let hosts = self.fetch(listed, named.as_deref()).await?;
         let bytes = hosts.iter().map(Listed::upload_bytes).sum::<u64>().saturating_add(bytes);
         let service = self.clone();
         let climb = self
@@ -262,7 +237,7 @@ impl Service {
                 let (mesh, suspect, all, marks) = (&mesh, &suspect, &all, &marks);
                 let (keys, homes, hosts) = (&service.keys, &service.homes, hosts.as_slice());
                 Visit { mesh, suspect, all, hosts, keys, homes, depth, stop }.run(&mut climb)?;
-                let named = named.as_ref().map(|records| records.as_slice());
+                let named = named.as_deref();
                 let case = Case { suspect, marks, named, keys, stop };
                 climb.run(&case, ladder::late_stages(depth))?;
                 Ok(climb)

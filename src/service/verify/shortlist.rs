@@ -10,6 +10,7 @@ use super::super::hosts::HostKey;
 use super::super::{Service, ServiceError};
 use super::Depth;
 use super::at_home::Housed;
+use super::named::Named;
 use crate::blobs::{Kind, geometry};
 use crate::recognition::Home;
 use crate::registration::{Probe, Shape};
@@ -38,7 +39,7 @@ impl Service {
     pub(super) fn shortlist(
         &self,
         suspect: &Suspect,
-        named: Option<&[Record]>,
+        named: Option<&Named>,
         depth: Depth,
     ) -> Vec<(HostKey, Vec<Uuid>)> {
         let listed = self.hosts_to_look_at(suspect, named, depth).into_iter();
@@ -48,18 +49,20 @@ impl Service {
     fn hosts_to_look_at(
         &self,
         suspect: &Suspect,
-        named: Option<&[Record]>,
+        named: Option<&Named>,
         depth: Depth,
     ) -> Vec<HostKey> {
         let most = most(depth);
         let mut named_hosts: Vec<HostKey> = Vec::new();
-        for record in named.unwrap_or_default().iter().rev().filter(|record| record.host_kept) {
+        let records = named.map(Named::records).unwrap_or_default();
+        for record in records.iter().rev().filter(|record| record.host_kept) {
             let key = HostKey::new(&record.host_sha256);
             if !named_hosts.contains(&key) {
                 named_hosts.push(key);
             }
         }
-        if named.is_some() && named_hosts.len() <= 1 || self.hosts.len() == 0 {
+        let all_there = named.is_some_and(|named| named.records().len() == named.ids().len());
+        if all_there && named_hosts.len() <= 1 || self.hosts.len() == 0 {
             return named_hosts;
         }
         let Some(shape) = Shape::new(suspect.surface().clone()) else {
@@ -67,8 +70,10 @@ impl Service {
             return named_hosts;
         };
         let mut listed = self.hosts.shortlist(&Probe::new(&shape), most);
-        if named.is_some() {
-            listed.retain(|key| named_hosts.contains(key));
+        if let Some(named) = named {
+            let theirs =
+                |key: &HostKey| self.hosts.records_of(*key).iter().any(|id| named.contains(*id));
+            listed.retain(theirs);
             named_hosts.retain(|key| !listed.contains(key));
             listed.extend(named_hosts);
             listed.truncate(most);
@@ -80,14 +85,14 @@ impl Service {
     pub(super) async fn fetch(
         &self,
         listed: Vec<(HostKey, Vec<Uuid>)>,
-        named: Option<&[Record]>,
+        named: Option<&Named>,
     ) -> Result<Vec<Listed>, ServiceError> {
         let mut fetched = Vec::new();
         for (key, of_host) in listed {
             let newest = of_host.split_at(of_host.len().saturating_sub(DETAILED)).1;
             let mut records = self.registry.records(newest).await?;
             records.retain(|record| record.revoked_at.is_none());
-            let asked = |id: &&Uuid| named.is_none_or(|named| named.iter().any(|r| r.id == **id));
+            let asked = |id: &&Uuid| named.is_none_or(|named| named.contains(**id));
             let mut ids: Vec<u128> = of_host.iter().filter(asked).map(Uuid::as_u128).collect();
             let home = self.homes.home(key);
             let geometry = match home {
