@@ -1,23 +1,23 @@
 //! The acceptance table of detection: marks registered with a service, attacked, and looked for.
 //!
 //! ```text
-//! cargo bench --bench recognition -- [--keys 2] [--others 100000] [--depth standard] [--wrong]
-//!     [--strangers DIR] [--attacks none,crop-50,...] [--strength 0.1] [--seed 1] [--data DIR]
+//! cargo bench --bench recognition -- [--keys 2] [--others 100000] [--depth standard] [--jobs 1]
+//!     [--wrong] [--strangers DIR] [--attacks none,crop-50,...] [--strength 0.1] [--seed 1] [--data DIR]
 //!     FILE...
 //! ```
 //!
-//! All files are first marked, by so many owners each (the default method, hosts kept), in
-//! one registry that holds so many other records. Per attack (`support/cases.rs`): how many of the
+//! Per key all files are first marked (the default method, hosts kept) in a registry that holds so
+//! many other records. Per attack (`support/cases.rs`): how many of the
 //! attacked copies are a `match` (bound below 1e-9) with the right record; the mean of `log10_fp` where
 //! that record was named at all; the time of a verification, as a multiple of tobj's load of the
-//! same surface as OBJ; which share of the bits the paper's blind detector reads right; the stages
+//! same surface as OBJ (of the first key, and where one verification runs at a time); which share of the bits the paper's blind detector reads right; the stages
 //! that decided. With `--wrong` the suspects are the hosts themselves, which carry nothing, under the same
 //! attacks, and generated meshes: right is no match. With `--strangers` they are all files below a
 //! folder that can be read, each as it is and marked by somebody else. A record that is named wrongly
 //! is reported at once.
 //!
-//! Attacks follow from the seed and the names. Marks are drawn anew, unless `--data` names a
-//! directory of an earlier run. Attacked copies are verified as binary glTF, what was not attacked as it
+//! Attacks follow from the seed and the names. The table is printed after each key. Marks are drawn
+//! anew, unless `--data` names a directory of an earlier run. Attacked copies are verified as binary glTF, what was not attacked as it
 //! was handed out. Without files: a generated mesh.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
@@ -32,7 +32,10 @@ mod seeded;
 #[path = "support/service.rs"]
 mod service;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use acceptance::{Outcome, Row, print_head};
@@ -48,11 +51,13 @@ use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
 use seeded::tobj_seconds;
 use service::{Bench, Kind, Mark};
+use tokio::runtime::Runtime;
 
 struct Options {
     keys: u64,
     others: u64,
     depth: Depth,
+    jobs: usize,
     wrong: bool,
     strangers: Option<PathBuf>,
     cases: Vec<Case>,
@@ -67,6 +72,7 @@ fn options() -> Options {
         keys: 2,
         others: 100_000,
         depth: Depth::Standard,
+        jobs: 1,
         wrong: false,
         strangers: None,
         cases: CASES.to_vec(),
@@ -83,6 +89,7 @@ fn options() -> Options {
             "--keys" => options.keys = value().parse().unwrap(),
             "--others" => options.others = value().parse().unwrap(),
             "--depth" => options.depth = value().parse().unwrap(),
+            "--jobs" => options.jobs = value().parse().unwrap(),
             "--wrong" => options.wrong = true,
             "--strangers" => options.strangers = Some(value().into()),
             "--attacks" => {
@@ -139,14 +146,16 @@ struct Suspect<'a> {
     trial: u64,
 }
 
-struct Table {
-    options: Options,
+/// A registry with the marks of one key.
+struct Table<'a> {
+    options: &'a Options,
     bench: Bench,
+    runtime: &'a Runtime,
 }
 
-impl Table {
+impl Table<'_> {
     /// One cell of the table; `None` when the attack leaves nothing.
-    async fn outcome(&self, suspect: &Suspect<'_>, case: Case) -> Option<Outcome> {
+    fn outcome(&self, suspect: &Suspect<'_>, case: Case) -> Option<Outcome> {
         let Mark { record, codeword, .. } = suspect.mark;
         let params = EmbedParams { method: record.method, ..EmbedParams::default() };
         let context = Context { host: &suspect.of.mesh, params: &params };
@@ -160,24 +169,43 @@ impl Table {
             _ => to_glb(&mesh),
         };
         let start = Instant::now();
-        let verification = self.bench.verify(&file, None, self.options.depth).await;
+        let verify = self.bench.verify(&file, None, self.options.depth);
+        let verification = self.runtime.block_on(verify);
         let seconds = start.elapsed().as_secs_f64();
         let modulation = record.method.modulation();
+        // (Beside others a time says nothing.)
+        let timed = self.options.jobs == 1 && suspect.trial == 0;
         Some(Outcome {
             verification,
-            ratio: seconds / tobj_seconds(&to_obj(&mesh), 3),
+            ratio: timed.then(|| seconds / tobj_seconds(&to_obj(&mesh), 3)),
             paper: detect(&mesh, codeword, modulation, &record.frame).ok(),
             expected: suspect.marked.then_some(record.id),
         })
     }
 
-    /// Suspects under all attacks, as rows.
-    async fn table(&self, suspects: &[Suspect<'_>]) -> Vec<Row> {
-        let mut rows = Vec::new();
-        for &case in &self.options.cases {
-            let mut row = Row::default();
-            for suspect in suspects {
-                let Some(outcome) = self.outcome(suspect, case).await else {
+    /// The outcomes of all suspects, so many at a time, in their order.
+    fn outcomes(&self, suspects: &[Suspect<'_>], case: Case) -> Vec<Option<Outcome>> {
+        let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
+        std::thread::scope(|scope| {
+            for _ in 0..self.options.jobs {
+                scope.spawn(|| {
+                    loop {
+                        let at = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(suspect) = suspects.get(at) else { break };
+                        let outcome = self.outcome(suspect, case);
+                        outcomes.lock().unwrap().insert(at, outcome);
+                    }
+                });
+            }
+        });
+        outcomes.into_inner().unwrap().into_values().collect()
+    }
+
+    /// Adds suspects under all attacks to rows.
+    fn fill(&self, suspects: &[Suspect<'_>], rows: &mut [Row]) {
+        for (&case, row) in self.options.cases.iter().zip(rows) {
+            for (suspect, outcome) in suspects.iter().zip(self.outcomes(suspects, case)) {
+                let Some(outcome) = outcome else {
                     row.fail();
                     continue;
                 };
@@ -194,10 +222,7 @@ impl Table {
                 }
                 row.add(&outcome);
             }
-            row.print(case.0);
-            rows.push(row);
         }
-        rows
     }
 }
 
@@ -214,9 +239,9 @@ fn files_below(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-impl Table {
+impl Table<'_> {
     /// Files that carry none of the marks: themselves, and marked by somebody else.
-    async fn strangers(&self, folder: &Path) {
+    fn strangers(&self, folder: &Path) {
         let mut random = ChaCha20Rng::from_seed([9; 32]);
         let kind = EmbedParams { strength: self.options.strength, ..EmbedParams::default() };
         let known: Vec<Vec<u8>> =
@@ -236,7 +261,8 @@ impl Table {
             // (A host as it is has been tried under all attacks.)
             let plain = (!known.contains(&bytes)).then_some(bytes);
             for suspect in plain.into_iter().chain(other) {
-                let verification = self.bench.verify(&suspect, None, self.options.depth).await;
+                let verify = self.bench.verify(&suspect, None, self.options.depth);
+                let verification = self.runtime.block_on(verify);
                 let Some(found) = verification.matches.first() else { continue };
                 best = best.min(found.log10_fp);
                 if verification.verdict == Verdict::Match {
@@ -252,54 +278,58 @@ impl Table {
     }
 }
 
-async fn run(options: Options, data: &Path) {
-    let hosts = Host::all(&options.files);
-    let bench = Bench::start(data, options.others).await;
+/// Marks all hosts with one more key, in a registry of its own, and fills the rows.
+fn run(options: &Options, hosts: &[Host], trial: u64, data: &Path, rows: &mut [Row]) {
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
+    let bench = runtime.block_on(Bench::start(&data.join(trial.to_string()), options.others));
     let kind =
         Kind { method: Method::default(), strength: options.strength, bits: BitCount::default() };
-    let mut marks = Vec::new();
-    for host in &hosts {
-        for trial in 0..options.keys {
-            let owner = format!("{} {trial}", host.name);
-            marks.push((host, trial, bench.mark(&host.bytes, &owner, kind).await));
-        }
-    }
-    println!(
-        "{} marks, {}, strength {}",
-        bench.service.marks(),
-        options.depth,
-        options.strength.get()
-    );
-    let bench = Table { options, bench };
-    if let Some(folder) = &bench.options.strangers {
-        return bench.strangers(folder).await;
-    }
-    print_head();
-    let strangers = Sample::ALL.map(Host::generated);
-    let wrong = |of, mark| Suspect { of, mark, bytes: &of.bytes, marked: false, trial: 0 };
-    let suspects: Vec<Suspect> = if bench.options.wrong {
-        let first = marks.iter().filter(|(_, trial, _)| *trial == 0);
-        let hosts = first.map(|(host, _, mark)| wrong(*host, mark));
-        hosts.chain(strangers.iter().map(|of| wrong(of, &marks[0].2))).collect()
-    } else {
-        let marked = marks.iter().map(|(of, trial, mark)| Suspect {
-            of,
-            mark,
-            bytes: &mark.bytes,
-            marked: true,
-            trial: *trial,
-        });
-        marked.collect()
+    let mark = |host: &Host| {
+        runtime.block_on(bench.mark(&host.bytes, &format!("{} {trial}", host.name), kind))
     };
-    let rows = bench.table(&suspects).await;
-    let wrong: u32 = rows.iter().map(Row::wrong).sum();
-    println!("records named wrongly: {wrong}");
+    let marks: Vec<Mark> = hosts.iter().map(mark).collect();
+    let table = Table { options, bench, runtime: &runtime };
+    if let Some(folder) = &options.strangers {
+        return table.strangers(folder);
+    }
+    let pairs = || hosts.iter().zip(&marks);
+    if options.wrong {
+        let strangers = Sample::ALL.map(Host::generated);
+        let wrong = |of, mark| Suspect { of, mark, bytes: &of.bytes, marked: false, trial };
+        let suspects = pairs().map(|(of, mark)| wrong(of, mark));
+        let strangers = strangers.iter().map(|of| wrong(of, &marks[0]));
+        let suspects: Vec<Suspect> = suspects.chain(strangers).collect();
+        table.fill(&suspects, rows);
+    } else {
+        let suspects: Vec<Suspect> = pairs()
+            .map(|(of, mark)| Suspect { of, mark, bytes: &mark.bytes, marked: true, trial })
+            .collect();
+        table.fill(&suspects, rows);
+    }
 }
 
 fn main() {
     let options = options();
     let temporary = tempfile::tempdir().unwrap();
     let data = options.data.clone().unwrap_or_else(|| temporary.path().join("data"));
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
-    runtime.block_on(run(options, &data));
+    let hosts = Host::all(&options.files);
+    let mut rows: Vec<Row> = options.cases.iter().map(|_| Row::default()).collect();
+    let keys = if options.strangers.is_some() { 1 } else { options.keys };
+    for trial in 0..keys {
+        run(&options, &hosts, trial, &data, &mut rows);
+        if options.strangers.is_some() {
+            return;
+        }
+        let (meshes, done, depth) = (hosts.len(), trial + 1, options.depth);
+        println!(
+            "{meshes} meshes, {done} keys, {depth}, strength {}, {} other records",
+            options.strength.get(),
+            options.others
+        );
+        print_head();
+        for (case, row) in options.cases.iter().zip(&rows) {
+            row.print(case.0);
+        }
+        println!("records named wrongly: {}", rows.iter().map(Row::wrong).sum::<u32>());
+    }
 }

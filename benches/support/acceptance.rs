@@ -9,8 +9,9 @@ use uuid::Uuid;
 /// One suspect's outcome.
 pub struct Outcome {
     pub verification: Verification,
-    /// Seconds from handing the file in to the answer, over those that tobj takes to load it.
-    pub ratio: f64,
+    /// Seconds from handing the file in to the answer, over those that tobj takes to load it, if
+    /// measured.
+    pub ratio: Option<f64>,
     /// What the paper's detector reads of the mark, if it reads at all.
     pub paper: Option<Detection>,
     /// The record that should be found; none for a file that carries no mark.
@@ -52,7 +53,7 @@ impl Row {
         self.right += u32::from(outcome.is_right());
         self.wrong += u32::from(outcome.is_wrong());
         self.inconclusive += u32::from(verification.verdict == Verdict::Inconclusive);
-        self.ratios.push(*ratio);
+        self.ratios.extend(*ratio);
         let theirs = verification.matches.iter().find(|m| Some(m.watermark_id) == *expected);
         self.log10_fp.extend(theirs.map(|found| found.log10_fp));
         if verification.verdict == Verdict::Match {

@@ -189,7 +189,8 @@ impl Service {
         let mut climb = Climb::new(self.thresholds());
         let case = Case { suspect: &suspect, marks: &marks, named, keys: &self.keys, stop };
         climb.run(&case, ladder::stages(depth))?;
-        let later = if named.is_some() && climb.is_open() {
+        let others = depth != Depth::Fast && !marks.is_empty() && marks.len() < all.len();
+        let later = if others && climb.is_open() {
             later_marks(&case, &all, self.thresholds(), &mut climb)?
         } else {
             Vec::new()
