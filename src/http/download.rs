@@ -9,7 +9,7 @@ use bytes::Bytes;
 
 use crate::registry::Record;
 
-const EXISTING: HeaderName = HeaderName::from_static("quadmark-existing-marks");
+pub(super) const EXISTING: HeaderName = HeaderName::from_static("quadmark-existing-marks");
 
 /// Characters of the stem of a file name at most.
 const LONGEST_STEM: usize = 100;

@@ -9,12 +9,12 @@ use uuid::Uuid;
 
 use super::App;
 use super::code::Code;
-use super::download::{answer_file, etag};
+use super::download::{EXISTING, answer_file, etag};
 use super::error::{ApiError, ProblemBody};
 use super::upload::receive;
 use super::wire::{EmbedForm, PageQuery, WatermarkBody, WatermarkPageBody};
 use crate::registry::Filter;
-use crate::service::{EmbedRequest, Embedded, Text};
+use crate::service::{EmbedRequest, Embedded, OnExisting, Text};
 use crate::watermark::{BitCount, Strength};
 
 const FIELDS: &[&str] = &[
@@ -84,6 +84,7 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
              leave out one of them",
         ));
     }
+    let silent = request.on_existing == OnExisting::Allow;
     let Embedded { record, bytes, replayed } = app.service.embed(request).await?;
     let id = record.id.to_string();
     let location = format!("/v1/watermarks/{id}");
@@ -104,6 +105,9 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
         if let Ok(value) = HeaderValue::try_from(value) {
             headers.insert(name, value);
         }
+    }
+    if silent {
+        headers.remove(EXISTING);
     }
     if replayed {
         headers.insert(REPLAYED, HeaderValue::from_static("true"));

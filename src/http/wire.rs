@@ -56,8 +56,8 @@ pub(super) struct WatermarkBody {
     usable_bins: u32,
     /// What the mark did to the mesh; null in records of before it was measured.
     quality: Option<QualityBody>,
-    /// Registered marks that the host already carried, best first; null where nobody looked
-    /// (`on_existing=allow`, records of before hosts were looked at).
+    /// Registered marks that the host already carried, best first; null in records of before hosts
+    /// were looked at.
     existing_marks: Option<Vec<ExistingMarkBody>>,
     /// Where the marked file can be fetched again; null when it was not kept.
     file_url: Option<String>,
@@ -227,8 +227,8 @@ pub(super) struct EmbedForm {
     /// Keep the host's geometry; detectors that compare with it need it.
     keep_host: Option<bool>,
     /// What to do when the file already carries a registered mark: `reject` (409), `warn` (by
-    /// default: the record and the header Quadmark-Existing-Marks name the marks found) or `allow`
-    /// (does not look).
+    /// default: the header Quadmark-Existing-Marks names the marks found) or `allow` (says nothing).
+    /// The record names them.
     #[schema(value_type = Option<String>, example = "warn")]
     on_existing: Option<OnExisting>,
 }

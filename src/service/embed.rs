@@ -152,7 +152,7 @@ impl Service {
         };
         let (method, bits) = (request.method, request.bits);
         let message_bytes = message.to_bytes();
-        let (keep_host, on_existing) = (request.keep_host, request.on_existing);
+        let (keep_host, on_existing) = (request.keep_host, Some(request.on_existing));
         let how = (method, bits, force);
         let done = self.mark(request.file, key, message, how, keep_host, on_existing).await?;
         let existing_marks = match &done.existing {
@@ -194,6 +194,7 @@ impl Service {
         Ok(Embedded { record, bytes: done.marked, replayed: false })
     }
 
+    /// Without `on_existing` nobody looks what the host carries.
     async fn mark(
         self: &Arc<Self>,
         mut file: Spooled,
@@ -201,7 +202,7 @@ impl Service {
         message: Message,
         (method, bits, force): (Method, BitCount, Force),
         keep_host: bool,
-        on_existing: OnExisting,
+        on_existing: Option<OnExisting>,
     ) -> Result<Done, ServiceError> {
         let limits = self.config.limits;
         let independent_check_max_bytes = self.config.independent_check_max_bytes;
@@ -214,9 +215,14 @@ impl Service {
         let service = self.clone();
         self.run(file.bytes, move |stop| {
             let host_bytes = file.read()?;
-            let look = on_existing != OnExisting::Allow;
-            let existing = look.then(|| service.marks_on(&host_bytes, stop)).transpose()?;
-            on_existing.permits(existing.as_deref().unwrap_or_default())?;
+            let existing = match on_existing {
+                Some(on_existing) => {
+                    let seen = service.marks_on(&host_bytes, stop)?;
+                    on_existing.permits(&seen)?;
+                    Some(seen)
+                }
+                None => None,
+            };
             let stop = || stop.now();
             let request = MarkRequest {
                 key: &key,
@@ -269,7 +275,7 @@ impl Service {
         let message = Message::from_bytes(&record.message, record.bits)?;
         let key = mark_key(&self.keys, &record.key_id, &record.salt, &record.owner_id)?;
         let how = (record.method, record.bits, Force::Exactly(record.strength));
-        let done = self.mark(request.file, key, message, how, false, OnExisting::Allow).await?;
+        let done = self.mark(request.file, key, message, how, false, None).await?;
         if done.marked_sha256 != record.marked_sha256 {
             return Err(ServiceError::CannotRemake(id));
         }

@@ -15,10 +15,10 @@ use crate::registry::ExistingMark;
 pub enum OnExisting {
     /// Refuse.
     Reject,
-    /// Mark it, and name the marks found in the answer and the record.
+    /// Mark it, and name the marks found in the answer.
     #[default]
     Warn,
-    /// Do not look.
+    /// Mark it without a word. (The record names the marks found, as always.)
     Allow,
 }
 
