@@ -157,7 +157,7 @@ impl Visit<'_> {
             return Ok(ControlFlow::Continue(()));
         }
         let seen = Seen { name, frame, profile: &profile, counted: &counted };
-        Recipients::new(self, housed, &ranking, &look.sightings).read(&seen, climb)
+        Recipients::new(self, housed, &ranking, look).read(&seen, climb)
     }
 
     /// The host's records that score better than chance in its frame, best first.

@@ -16,9 +16,10 @@ use super::super::verdict::{FrameName, StageName};
 use super::at_home::{Housed, Visit};
 use super::ladder::Climb;
 use super::{Depth, go_on};
+use crate::recognition::Look;
 use crate::registry::Record;
 use crate::watermark::{
-    Candidate, Codeword, Comparison, Frame, HostFilter, Hypothesis, Profile, Sighting, SoftBits,
+    Candidate, Codeword, Comparison, Frame, HostFilter, Hypothesis, Profile, SoftBits,
 };
 
 /// Others that a mark is read beside.
@@ -51,7 +52,7 @@ struct Filtered<'a> {
 pub(super) struct Recipients<'a> {
     visit: &'a Visit<'a>,
     housed: &'a Housed,
-    sightings: &'a [Sighting],
+    look: &'a Look,
     /// The records that score best in the host's frame, one more than each is read beside.
     best: Vec<&'a Record>,
     /// The records that are asked about, likeliest first.
@@ -64,7 +65,7 @@ impl<'a> Recipients<'a> {
         visit: &'a Visit<'a>,
         housed: &'a Housed,
         ranking: &[u128],
-        sightings: &'a [Sighting],
+        look: &'a Look,
     ) -> Self {
         let of = |id: &u128| {
             let at = housed.records.binary_search_by_key(id, |record| record.id.as_u128()).ok()?;
@@ -78,7 +79,7 @@ impl<'a> Recipients<'a> {
         let asked = asked.filter(|record| housed.is_asked(record.id.as_u128()));
         let asked = asked.take(most_filtered(visit.depth).0).collect();
         let best = ranked.into_iter().take(BESIDE + 1).collect();
-        Self { visit, housed, sightings, best, asked }
+        Self { visit, housed, look, best, asked }
     }
 
     /// Scores them; breaks when all is said.
@@ -93,7 +94,8 @@ impl<'a> Recipients<'a> {
         let mut readings: Vec<(&Filtered, Comparison)> = Vec::new();
         for filtered in &asked {
             go_on(self.visit.stop)?;
-            let reading = filtered.filter.compare(self.sightings);
+            let reading =
+                filtered.filter.compare(&self.look.sightings, self.look.similarity.rotation);
             self.score(StageName::MatchedFilter, filtered, reading.alone(), seen, climb);
             readings.push((filtered, reading));
             if self.housed.records.len() == 1 && !climb.is_open() {

@@ -12,10 +12,10 @@
 //! The codewords of the others are independent of the one that is read, so that the bound is as exact
 //! as without them; nothing here may depend on that one.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 use super::estimate::Normal;
-use super::{HostFilter, Sighting};
+use super::{HostFilter, Sighting, grid_of};
 use crate::watermark::SoftBits;
 
 /// A suspect, made ready to be read.
@@ -30,12 +30,16 @@ pub struct Comparison<'a> {
     normal: Normal,
     /// `t`.
     along: Vec<f64>,
+    /// What the cells say, of a suspect on a coarse grid.
+    cells: Option<SoftBits>,
 }
 
 impl<'a> Comparison<'a> {
-    pub(super) fn new(filter: &'a HostFilter, sightings: &[Sighting]) -> Self {
+    pub(super) fn new(filter: &'a HostFilter, sightings: &[Sighting], turned: DQuat) -> Self {
         let (rounds, middle) = filter.smoothed_alike(sightings);
-        Self::after(filter, sightings, rounds, &middle)
+        let cells = || filter.by_cells(sightings, &grid_of(sightings, turned)?);
+        let cells = if rounds == 0 { cells() } else { None };
+        Self { cells, ..Self::after(filter, sightings, rounds, &middle) }
     }
 
     /// Of a suspect that was smoothed in so many rounds, which took the filter's middle to `middle`.
@@ -59,7 +63,7 @@ impl<'a> Comparison<'a> {
         let along = filter.along(&filter.smoothing().adjoint(weighted, rounds));
         let gram = filter.gram(&seen, rounds, filter.apart(rounds));
         let normal = Normal::new(gram, along.len(), noise);
-        Self { filter, rounds, seen, rest, normal, along }
+        Self { filter, rounds, seen, rest, normal, along, cells: None }
     }
 
     /// How many rounds of smoothing the suspect seems to have been through.
@@ -71,7 +75,10 @@ impl<'a> Comparison<'a> {
     /// The bits, if there is one mark only.
     #[must_use]
     pub fn alone(&self) -> SoftBits {
-        SoftBits::weighted(self.normal.solve(&self.along))
+        match &self.cells {
+            Some(soft) => soft.clone(),
+            None => SoftBits::weighted(self.normal.solve(&self.along)),
+        }
     }
 
     /// The bits beside `others`: where their marks put the carriers ([`HostFilter::expected`], of
@@ -179,7 +186,7 @@ mod tests {
         let bounds = |k: usize| {
             let others: Vec<&[DVec3]> =
                 (0..expected.len()).filter(|b| *b != k).map(|b| expected[b].as_slice()).collect();
-            let reading = filters[k].compare(&sightings);
+            let reading = filters[k].compare(&sightings, DQuat::IDENTITY);
             [reading.alone(), reading.beside(&others)]
                 .map(|soft| soft.log10_bound(soft.score(&codewords[k]).t))
         };
@@ -228,7 +235,7 @@ mod tests {
             let at =
                 |(carrier, &v): (u32, &u32)| Sighting { carrier, at: now.positions()[v as usize] };
             let sightings: Vec<Sighting> = (0..).zip(&surface.first_vertex).map(at).collect();
-            let reading = filter.compare(&sightings);
+            let reading = filter.compare(&sightings, DQuat::IDENTITY);
             let bound = |soft: SoftBits, c: &Codeword| soft.log10_bound(soft.score(c).t);
             let alone = bound(reading.alone(), &earlier);
             let below = bound(reading.under(&over).unwrap(), &earlier);

@@ -11,17 +11,22 @@
 //! squares estimate of `c` undoes that: with `T_i = S D_i`, solve `G c = t` for `t_i = <r, T_i>` and
 //! `G_ik = <T_i, T_k>`; by the adjoint, `<r, S D_i> = <S* r, D_i>`, one smoothing serves all bins.
 //!
+//! A suspect on a coarse grid is read from the cells that its vertices fell into instead (`cells`).
+//!
 //! Nothing here may depend on the codeword. Must not know how suspects are brought into the host's
 //! coordinates, or which of their vertices is whose.
 
+mod cells;
 mod comparison;
 mod estimate;
+mod grid;
 mod smoothing;
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
 pub use comparison::Comparison;
+use grid::Grid;
 use smoothing::{HALF, Smoothing};
 
 use super::bins::{Frame, Lattice, norms};
@@ -148,16 +153,18 @@ impl HostFilter {
             + self.surface.carrier_of.len() * size_of::<u32>()
     }
 
-    /// A suspect looked at through this filter.
+    /// A suspect looked at through this filter. Where it had to be turned to be in the host's
+    /// coordinates, its grid, if it has one, was `turned` with it.
     #[must_use]
-    pub fn compare(&self, sightings: &[Sighting]) -> Comparison<'_> {
-        Comparison::new(self, sightings)
+    pub fn compare(&self, sightings: &[Sighting], turned: DQuat) -> Comparison<'_> {
+        Comparison::new(self, sightings, turned)
     }
 
-    /// Soft bits of a suspect; also how many rounds of smoothing it seems to have been through.
+    /// Soft bits of a suspect that kept its axes; also how many rounds of smoothing it seems to have
+    /// been through.
     #[must_use]
     pub fn read(&self, sightings: &[Sighting]) -> (SoftBits, usize) {
-        let comparison = self.compare(sightings);
+        let comparison = self.compare(sightings, DQuat::IDENTITY);
         (comparison.alone(), comparison.rounds())
     }
 
@@ -270,6 +277,12 @@ impl HostFilter {
     }
 }
 
+/// The grid that a suspect was put on after it was turned, or before.
+fn grid_of(sightings: &[Sighting], turned: DQuat) -> Option<Grid> {
+    let along = |axes| Grid::of(&sightings.iter().map(|s| s.at), axes);
+    along(DVec3::AXES.map(|axis| turned * axis)).or_else(|| along(DVec3::AXES))
+}
+
 fn median(mut all: Vec<f64>) -> f64 {
     let middle = all.len() / 2;
     if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
@@ -282,14 +295,14 @@ mod tests {
     use crate::sample::Sample;
     use crate::watermark::{Embedding, MarkKey, Message, Method, embed};
 
-    struct Marked {
-        host: Mesh,
-        codeword: Codeword,
-        params: EmbedParams,
-        positions: Vec<DVec3>,
+    pub(super) struct Marked {
+        pub(super) host: Mesh,
+        pub(super) codeword: Codeword,
+        pub(super) params: EmbedParams,
+        pub(super) positions: Vec<DVec3>,
     }
 
-    fn marked(sample: Sample, method: Method) -> Marked {
+    pub(super) fn marked(sample: Sample, method: Method) -> Marked {
         let host = sample.mesh(12_000).unwrap();
         let surface = Surface::new(&host);
         let params = EmbedParams { method, ..EmbedParams::default() };
@@ -300,7 +313,10 @@ mod tests {
         Marked { host, codeword, params, positions }
     }
 
-    fn bound(marked: &Marked, at: impl Fn(usize, DVec3) -> Option<DVec3>) -> (f64, usize) {
+    pub(super) fn bound(
+        marked: &Marked,
+        at: impl Fn(usize, DVec3) -> Option<DVec3>,
+    ) -> (f64, usize) {
         let class = marked.codeword.lattice_class();
         let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
         let sightings: Vec<Sighting> = (0_u32..)
