@@ -72,7 +72,7 @@ pub struct Alignment {
     pub rms: f64,
     /// Carriers of the suspect and of the host that are one vertex, ascending by the first. Where
     /// the basis is the surface they are nearest to each other and no more; none where most of the
-    /// suspect's have no such partner.
+    /// one that has fewer have no such partner.
     pub pairs: Vec<[u32; 2]>,
 }
 
@@ -305,7 +305,9 @@ fn finish(
     let mut fit = target.align(&fit.similarity, &points, FINE..end, 8, stop);
     fit = Fit { similarity: fit.similarity, ..target.judge(&fit.similarity, &points, FINE, stop) };
     let pairs = mutual(&host.shape, target, &suspect.shape, &fit.similarity, FINE, stop);
-    if pairs.len() * 2 < suspect.shape.positions.len() {
+    // Subdivision keeps all of the host's vertices and adds three times as many.
+    let fewer = suspect.shape.positions.len().min(host.shape.positions.len());
+    if pairs.len() * 2 < fewer {
         return to_files(host, suspect, &fit);
     }
     let similarity = polish(&contacts(&host.shape, &suspect.shape, &pairs), fit.similarity);
@@ -342,6 +344,43 @@ mod tests {
             assert!(error * host.shape.unit.scale < 2e-4, "{error:e}");
             assert!(register(&host, &suspect, Effort::Twins, &|| false).is_empty());
         }
+    }
+
+    /// Every triangle in four.
+    fn subdivided(mesh: &Mesh) -> Mesh {
+        let mut positions = mesh.positions().to_vec();
+        let mut triangles = Vec::new();
+        // Sides that meet are welded by their position.
+        for &[a, b, c] in mesh.triangles() {
+            let [d, e, f] = [[a, b], [b, c], [c, a]].map(|[i, j]| {
+                positions.push(positions[i as usize].midpoint(positions[j as usize]));
+                u32::try_from(positions.len() - 1).unwrap()
+            });
+            triangles.extend([[a, d, f], [d, b, e], [f, e, c], [d, e, f]]);
+        }
+        Mesh::new(positions, triangles).unwrap()
+    }
+
+    #[test]
+    fn the_vertices_of_a_subdivided_copy_are_the_hosts() {
+        let mesh = Sample::Blob.mesh(4000).unwrap();
+        let host = PreparedHost::new(Shape::new(Surface::new(&mesh)).unwrap());
+        let fine = subdivided(&mesh);
+        let place = awkward(0.5);
+        let moved = fine.positions().iter().map(|&p| place.apply(p)).collect();
+        let fine = Mesh::new(moved, fine.triangles().to_vec()).unwrap();
+        let suspect = PreparedSuspect::new(Shape::new(Surface::new(&fine)).unwrap());
+        let found = register(&host, &suspect, Effort::Whole, &|| false);
+        let best = found.first().unwrap();
+        let vertices = host.shape.positions.len();
+        let vertex = |shape: &Shape, k: u32| shape.first_vertex[k as usize];
+        let right = best
+            .pairs
+            .iter()
+            .filter(|[s, h]| vertex(&suspect.shape, *s) == vertex(&host.shape, *h))
+            .count();
+        assert!(right * 10 > vertices * 9, "{right} of {vertices}");
+        assert!(best.pairs.len() - right < vertices / 10, "{}", best.pairs.len());
     }
 
     #[test]
