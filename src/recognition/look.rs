@@ -4,7 +4,9 @@ use std::ops::ControlFlow;
 
 use super::home::{Home, Visitor};
 use crate::registration::similarity::{Pair, fit};
-use crate::registration::{Alignment, Basis, Effort, Similarity, in_place, register};
+use crate::registration::{
+    Alignment, Effort, Similarity, by_surface, by_twins, in_place, suffices,
+};
 use crate::watermark::{Frame, Sighting};
 
 /// What a look assumes.
@@ -38,8 +40,9 @@ impl LookKind {
     }
 }
 
-/// Alignments that are looked from, at the most.
-const ALIGNMENTS: usize = 4;
+/// Alignments by the surface that are looked from, at the most; and the rank of one by shared
+/// vertices that are too few to be all there is.
+const FEW_TWINS: usize = 3;
 
 /// Rounds of reweighting when vertices are paired by their order.
 const ROUNDS: usize = 4;
@@ -93,16 +96,25 @@ pub fn looks(
     let (Some(host), Some(suspect)) = (home.prepared(), visitor.prepared()) else {
         return ControlFlow::Continue(());
     };
-    let found = register(host, suspect, effort, stop);
-    let shared = found.iter().any(|alignment| alignment.basis == Basis::Twins);
-    for (rank, alignment) in found.into_iter().take(ALIGNMENTS).enumerate() {
-        if stop() {
-            return ControlFlow::Break(());
+    if let Some(twins) = by_twins(host, suspect) {
+        let enough = suffices(&twins);
+        let rank = if enough { 0 } else { FEW_TWINS };
+        see(from_alignment(visitor, twins, LookKind::Registered(rank)))?;
+        if enough {
+            return ControlFlow::Continue(());
         }
-        see(from_alignment(visitor, alignment, LookKind::Registered(rank)))?;
     }
-    if !shared && let Some(alignment) = in_place(host, suspect, true, stop) {
-        see(from_alignment(visitor, alignment, LookKind::Near))?;
+    let go_on = || if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    let near = in_place(host, suspect, true, stop);
+    let known: Vec<Alignment> = near.into_iter().collect();
+    for alignment in &known {
+        go_on()?;
+        see(from_alignment(visitor, alignment.clone(), LookKind::Near))?;
+    }
+    let found = by_surface(host, suspect, effort, &known, stop);
+    for (rank, alignment) in found.into_iter().take(FEW_TWINS).enumerate() {
+        go_on()?;
+        see(from_alignment(visitor, alignment, LookKind::Registered(rank)))?;
     }
     ControlFlow::Continue(())
 }
@@ -190,7 +202,7 @@ mod tests {
 
     #[test]
     fn the_shares_of_all_looks_add_up_to_at_most_one() {
-        let registered: f64 = (0..ALIGNMENTS).map(|k| LookKind::Registered(k).share()).sum();
+        let registered: f64 = (0..=FEW_TWINS).map(|k| LookKind::Registered(k).share()).sum();
         let rest = [LookKind::InPlace, LookKind::SameOrder, LookKind::Near].map(LookKind::share);
         assert!(registered + rest.iter().sum::<f64>() <= 1.0 + 1e-12);
     }
@@ -245,5 +257,19 @@ mod tests {
         let part = Mesh::new([moved, vec![DVec3::ZERO]].concat(), kept).unwrap();
         let kinds: Vec<LookKind> = all(&home, &part).iter().map(|look| look.kind).collect();
         assert_eq!(kinds, [LookKind::InPlace, LookKind::Registered(0)]);
+    }
+
+    #[test]
+    fn a_new_tessellation_in_place_is_seen_there_first_and_not_twice() {
+        let mesh = Sample::Knot.mesh(6000).unwrap();
+        let home = Home::new(mesh.clone());
+        let seen = all(&home, &Sample::Knot.mesh(4000).unwrap());
+        let kinds: Vec<LookKind> = seen.iter().map(|look| look.kind).collect();
+        assert_eq!(kinds[..2], [LookKind::InPlace, LookKind::Near]);
+        for look in &seen[2..] {
+            let off = |&p: &DVec3| look.similarity.apply(p).distance(p);
+            let most = mesh.positions().iter().map(off).fold(0.0, f64::max);
+            assert!(most > 5e-3 * home.surface().diagonal(), "{:?}", look.kind);
+        }
     }
 }

@@ -25,7 +25,10 @@ const SAME_SIDE: f64 = 0.5;
 /// box of its tree contains every point. `true` finds nothing any more.
 pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
 
-/// A host's surface, to be searched for its closest points.
+/// Newton steps that move no point of the unit box by more than this have arrived.
+const ARRIVED: f64 = 3e-7;
+
+/// A host's surface, to be searched for its closest points: all of it.
 pub struct Target {
     surface: TriMesh,
     normals: Vec<DVec3>,
@@ -43,10 +46,22 @@ pub struct Fit {
 }
 
 /// A suspect's point on the host.
-struct Touch {
-    placed: DVec3,
-    closest: DVec3,
-    normal: DVec3,
+#[derive(Debug, Clone, Copy)]
+pub struct Touch {
+    /// Where the similarity puts it.
+    pub placed: DVec3,
+    /// The closest place of the host.
+    pub closest: DVec3,
+    /// The host's normal there.
+    pub normal: DVec3,
+}
+
+/// Whether a suspect's point faces as the host does where it has this normal. A mirror image has its
+/// triangles the other way around, or has had them turned over.
+#[must_use]
+pub fn same_side(s: &Similarity, point: &Point, normal: DVec3) -> bool {
+    let along = (s.rotation * point.normal).dot(normal);
+    (if s.scale < 0.0 { along.abs() } else { along }) > SAME_SIDE
 }
 
 impl Target {
@@ -63,21 +78,6 @@ impl Target {
         Some(Self { surface, normals: host.triangles.par_iter().map(normal).collect() })
     }
 
-    /// The closest place of the host, if it is within `reach` and faces the same way.
-    fn touch(&self, s: &Similarity, point: &Point, reach: f64) -> Option<Touch> {
-        let placed = s.apply(point.position);
-        let at = Vector::new(placed.x, placed.y, placed.z);
-        let (found, (triangle, _)) =
-            self.surface.project_local_point_and_get_location_with_max_dist(at, false, reach)?;
-        let closest = DVec3::new(found.point.x, found.point.y, found.point.z);
-        let normal = *self.normals.get(usize::try_from(triangle).ok()?)?;
-        let along = (s.rotation * point.normal).dot(normal);
-        // A mirror image has its triangles the other way around, or has had them turned over.
-        let faces = if s.scale < 0.0 { along.abs() } else { along } > SAME_SIDE;
-        let near = placed.distance(closest) < reach;
-        (faces && near).then_some(Touch { placed, closest, normal })
-    }
-
     /// The triangle that is closest to `p`, if it is within `reach`.
     #[must_use]
     pub fn triangle(&self, p: DVec3, reach: f64) -> Option<usize> {
@@ -86,15 +86,34 @@ impl Target {
             self.surface.project_local_point_and_get_location_with_max_dist(at, false, reach)?;
         usize::try_from(triangle).ok()
     }
+}
 
+impl Ground for Target {
+    fn touch(&self, s: &Similarity, point: &Point, reach: f64) -> Option<Touch> {
+        let placed = s.apply(point.position);
+        let at = Vector::new(placed.x, placed.y, placed.z);
+        let (found, (triangle, _)) =
+            self.surface.project_local_point_and_get_location_with_max_dist(at, false, reach)?;
+        let closest = DVec3::new(found.point.x, found.point.y, found.point.z);
+        let normal = *self.normals.get(usize::try_from(triangle).ok()?)?;
+        let near = placed.distance(closest) < reach;
+        (near && same_side(s, point, normal)).then_some(Touch { placed, closest, normal })
+    }
+}
+
+/// What a suspect is aligned to.
+pub trait Ground: Sync {
+    /// The closest place of the host, if it is within `reach` and faces the same way.
+    fn touch(&self, s: &Similarity, point: &Point, reach: f64) -> Option<Touch>;
+
+    /// The touches of all points that touch.
     fn touches(&self, s: &Similarity, points: &[Point], reach: f64, stop: Stop) -> Vec<Touch> {
         let points = points.par_iter().with_min_len(256);
         points.filter_map(|p| if stop() { None } else { self.touch(s, p, reach) }).collect()
     }
 
     /// How well `points` of a suspect lie on the host where `similarity` puts them.
-    #[must_use]
-    pub fn judge(&self, similarity: &Similarity, points: &[Point], reach: f64, stop: Stop) -> Fit {
+    fn judge(&self, similarity: &Similarity, points: &[Point], reach: f64, stop: Stop) -> Fit {
         let touches = self.touches(similarity, points, reach, stop);
         let squares: f64 = touches.iter().map(|t| t.placed.distance_squared(t.closest)).sum();
         let count = touches.len() as f64;
@@ -106,16 +125,15 @@ impl Target {
     }
 
     /// Newton steps from `start`, with a reach that shrinks from `reaches.start` to `reaches.end`
-    /// (shares of the host's diagonal) over `rounds`.
-    #[must_use]
-    pub fn align(
+    /// (shares of the host's diagonal) over at most so many `rounds`.
+    fn align(
         &self,
         start: &Similarity,
         points: &[Point],
         reaches: std::ops::Range<f64>,
         rounds: u32,
         stop: Stop,
-    ) -> Fit {
+    ) -> Similarity {
         let mut now = *start;
         let shrink = (reaches.end / reaches.start).powf(1.0 / f64::from(rounds.max(2) - 1));
         let mut reach = reaches.start;
@@ -136,10 +154,14 @@ impl Target {
             if !(0.3..3.0).contains(&(next.scale / start.scale)) {
                 break;
             }
+            let arrived = next.apart(&now) < ARRIVED;
             now = next;
-            reach *= shrink;
+            if arrived && reach <= reaches.end {
+                break;
+            }
+            reach = if arrived { reaches.end } else { (reach * shrink).max(reaches.end) };
         }
-        self.judge(&now, points, reaches.end, stop)
+        now
     }
 }
 
@@ -180,6 +202,7 @@ mod tests {
             translation: DVec3::new(0.01, 0.02, -0.01),
         };
         let found = target.align(&truth.then(&off), &points, 0.1..0.01, 25, &|| false);
+        let found = target.judge(&found, &points, 0.01, &|| false);
         let error = found.similarity.apply(DVec3::ZERO).distance(truth.apply(DVec3::ZERO));
         assert!(error < 1e-4 && found.overlap > 0.99 && found.rms < 1e-3, "{error:e} {found:?}");
     }
@@ -189,7 +212,8 @@ mod tests {
         let host = shape(1000);
         let away = Similarity { translation: DVec3::splat(5.0), ..Similarity::IDENTITY };
         let target = Target::new(&host).unwrap();
-        let found = target.align(&away, &scatter(&host, 500), 0.1..0.01, 5, &|| false);
-        assert_eq!((found.overlap, found.similarity), (0.0, away));
+        let points = scatter(&host, 500);
+        let found = target.align(&away, &points, 0.1..0.01, 5, &|| false);
+        assert_eq!((target.judge(&found, &points, 0.1, &|| false).overlap, found), (0.0, away));
     }
 }

@@ -1,134 +1,13 @@
 //! The whole way: from a host and a suspect to the similarities that bring the one home to the
 //! other.
 
-use std::sync::OnceLock;
-
-use super::align::{Fit, Stop, Target};
-use super::moments::by_moments;
-use super::nearest::mutual;
-use super::parts::{by_parts, sights};
-use super::polish::polish;
-use super::scatter::{Point, scatter};
-use super::shape::Shape;
-use super::similarity::Similarity;
-use super::twins::{Landmarks, Twins, contacts, twins};
-
-/// Points of the suspect that judge hypotheses, and those that the final alignment goes by.
-const JUDGES: usize = 300;
-const ALIGNED: usize = 3000;
-const DESCRIBED: usize = 6000;
-const REFINED: usize = 20_000;
-
-/// Distance at which a hypothesis' point counts as on the host, a share of the diagonal; the same
-/// once it is aligned.
-const ROUGH: f64 = 0.08;
-const FINE: f64 = 0.01;
-
-/// Hypotheses that are aligned, and that are returned.
-const ALIGNED_HYPOTHESES: usize = 12;
-const RETURNED: usize = 3;
+use super::align::Stop;
+use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
+use super::surface::by_surface;
+use super::twins::{Twins, twins};
 
 /// Twins that make up this share of the suspect leave nothing to search for.
 const TWINS_SUFFICE: f64 = 0.2;
-
-/// A whole that lies on its host like this need not be searched for as a part.
-const WHOLE: f64 = 0.95;
-
-/// Overlap from which an alignment is worth telling.
-const LEAST_OVERLAP: f64 = 0.5;
-
-/// How hard to try.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Effort {
-    /// Shared vertices only: fractions of a second, and nothing where the tessellation is new.
-    Twins,
-    /// Also wholes that were tessellated anew.
-    Whole,
-    /// Also parts that were tessellated anew, and mirrored wholes: seconds.
-    Thorough,
-}
-
-/// What an alignment rests on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Basis {
-    /// The file's own coordinates, which were kept.
-    InPlace,
-    /// Vertices that suspect and host share.
-    Twins,
-    /// The surface.
-    Surface,
-}
-
-/// A suspect brought home.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Alignment {
-    /// From the suspect file's coordinates to the host file's.
-    pub similarity: Similarity,
-    /// What it rests on.
-    pub basis: Basis,
-    /// Share of the suspect that lies on the host: of its carriers that are paired, or of its area.
-    pub overlap: f64,
-    /// Root mean square distance over that share, relative to the host's diagonal.
-    pub rms: f64,
-    /// Carriers of the suspect and of the host that are one vertex, ascending by the first. Where
-    /// the basis is the surface they are nearest to each other and no more; none where most of the
-    /// one that has fewer have no such partner.
-    pub pairs: Vec<[u32; 2]>,
-}
-
-/// A host made ready; worth keeping while several suspects are compared with it.
-pub struct PreparedHost {
-    shape: Shape,
-    landmarks: Landmarks,
-    points: Vec<Point>,
-    /// Built when first asked for: twins do without.
-    target: OnceLock<Option<Target>>,
-}
-
-/// A suspect made ready.
-pub struct PreparedSuspect {
-    shape: Shape,
-    points: Vec<Point>,
-}
-
-impl PreparedHost {
-    /// Takes a shape over.
-    #[must_use]
-    pub fn new(shape: Shape) -> Self {
-        let (landmarks, points) = (Landmarks::new(&shape), scatter(&shape, ALIGNED));
-        Self { shape, landmarks, points, target: OnceLock::new() }
-    }
-
-    /// Its shape.
-    #[must_use]
-    pub fn shape(&self) -> &Shape {
-        &self.shape
-    }
-
-    fn target(&self) -> Option<&Target> {
-        self.target.get_or_init(|| Target::new(&self.shape)).as_ref()
-    }
-}
-
-impl PreparedSuspect {
-    /// Takes a shape over.
-    #[must_use]
-    pub fn new(shape: Shape) -> Self {
-        let points = scatter(&shape, ALIGNED);
-        Self { shape, points }
-    }
-
-    /// Its shape.
-    #[must_use]
-    pub fn shape(&self) -> &Shape {
-        &self.shape
-    }
-
-    /// About so many of its points, spread over all of it.
-    fn some(&self, count: usize) -> Vec<Point> {
-        self.points.iter().step_by((self.points.len() / count).max(1)).copied().collect()
-    }
-}
 
 /// The similarities under which `suspect` is a part of `host`, best first; few, and none where
 /// there is nothing in common. `stop` is asked between steps, the longest of which take tenths of
@@ -140,40 +19,29 @@ pub fn register(
     effort: Effort,
     stop: Stop,
 ) -> Vec<Alignment> {
-    if let Some(found) = twins(&host.shape, &host.landmarks, &suspect.shape) {
-        let alignment = from_twins(host, suspect, found);
-        if alignment.overlap > TWINS_SUFFICE || effort == Effort::Twins {
-            return vec![alignment];
-        }
-        let mut all = by_surface(host, suspect, effort, stop);
-        all.retain(|other| other.overlap > 2.0 * alignment.overlap);
-        all.push(alignment);
-        return all;
+    let Some(alignment) = by_twins(host, suspect) else {
+        return by_surface(host, suspect, effort, &[], stop);
+    };
+    if suffices(&alignment) {
+        return vec![alignment];
     }
-    if effort == Effort::Twins { Vec::new() } else { by_surface(host, suspect, effort, stop) }
+    let mut all = by_surface(host, suspect, effort, &[], stop);
+    all.retain(|other| other.overlap > 2.0 * alignment.overlap);
+    all.push(alignment);
+    all
 }
 
-/// The alignment of a suspect that kept its host's coordinates, refined if `refined`. `None` if it
-/// does not lie on the host, or was stopped.
+/// The alignment by the vertices that suspect and host share.
 #[must_use]
-pub fn in_place(
-    host: &PreparedHost,
-    suspect: &PreparedSuspect,
-    refined: bool,
-    stop: Stop,
-) -> Option<Alignment> {
-    let start = suspect.shape.unit.inverse().then(&host.shape.unit);
-    let target = host.target()?;
-    let found = target.judge(&start, &suspect.points, FINE, stop);
-    if found.overlap < LEAST_OVERLAP {
-        return None;
-    }
-    let found = if refined {
-        finish(host, suspect, target, &found, stop)
-    } else {
-        to_files(host, suspect, &found)
-    };
-    (!stop()).then_some(Alignment { basis: Basis::InPlace, ..found })
+pub fn by_twins(host: &PreparedHost, suspect: &PreparedSuspect) -> Option<Alignment> {
+    let found = twins(&host.shape, &host.landmarks, &suspect.shape, &suspect.landmarks)?;
+    Some(from_twins(host, suspect, found))
+}
+
+/// Whether shared vertices leave nothing to search for.
+#[must_use]
+pub fn suffices(twins: &Alignment) -> bool {
+    twins.overlap > TWINS_SUFFICE
 }
 
 fn from_twins(host: &PreparedHost, suspect: &PreparedSuspect, found: Twins) -> Alignment {
@@ -192,135 +60,14 @@ fn from_twins(host: &PreparedHost, suspect: &PreparedSuspect, found: Twins) -> A
     }
 }
 
-fn to_files(host: &PreparedHost, suspect: &PreparedSuspect, fit: &Fit) -> Alignment {
-    Alignment {
-        similarity: suspect.shape.unit.then(&fit.similarity).then(&host.shape.unit.inverse()),
-        basis: Basis::Surface,
-        overlap: fit.overlap,
-        rms: fit.rms,
-        pairs: Vec::new(),
-    }
-}
-
-fn by_surface(
-    host: &PreparedHost,
-    suspect: &PreparedSuspect,
-    effort: Effort,
-    stop: Stop,
-) -> Vec<Alignment> {
-    let Some(target) = host.target() else { return Vec::new() };
-    let guesses = by_moments(&host.points, &suspect.points, false);
-    let mut fits = aligned(target, suspect, &guesses, stop);
-    if effort >= Effort::Thorough && fits.first().is_none_or(|fit| fit.overlap < WHOLE) {
-        let [there, here] = [&host.shape, &suspect.shape].map(|s| sights(&scatter(s, DESCRIBED)));
-        let mut guesses = by_parts(&there, &here);
-        guesses.extend(by_moments(&host.points, &suspect.points, true));
-        fits.extend(aligned(target, suspect, &guesses, stop));
-        best_first(&mut fits);
-        distinct(&mut fits);
-    }
-    let last = fits.iter().take(RETURNED).take_while(|_| !stop());
-    let found = last.map(|fit| finish(host, suspect, target, fit, stop)).collect();
-    // What was cut short is worth nothing.
-    if stop() { Vec::new() } else { found }
-}
-
-/// Judges guesses by few points, aligns the better ones by more, and returns those that lie on the
-/// host, best first.
-fn aligned(
-    target: &Target,
-    suspect: &PreparedSuspect,
-    guesses: &[Similarity],
-    stop: Stop,
-) -> Vec<Fit> {
-    let judges = suspect.some(JUDGES);
-    // The reach of a small part must not span all of it.
-    let reach = |s: &Similarity| ROUGH * s.scale.abs().clamp(0.2, 1.0);
-    let mut judged: Vec<Fit> = guesses
-        .iter()
-        .take_while(|_| !stop())
-        .map(|guess| target.judge(guess, &judges, reach(guess), stop))
-        .collect();
-    best_first(&mut judged);
-    let closer = |fit: &Fit, points: &[Point], to: f64, rounds: u32| {
-        let reach = reach(&fit.similarity);
-        target.align(&fit.similarity, points, reach..to * reach / ROUGH, rounds, stop)
-    };
-    let mut fits: Vec<Fit> = judged
-        .iter()
-        .take(ALIGNED_HYPOTHESES)
-        .take_while(|_| !stop())
-        .map(|guess| closer(guess, &judges, 2.0 * FINE, 12))
-        .collect();
-    best_first(&mut fits);
-    distinct(&mut fits);
-    fits.truncate(RETURNED);
-    let mut fits: Vec<Fit> = fits
-        .iter()
-        .take_while(|_| !stop())
-        .map(|fit| closer(fit, &suspect.points, FINE, 15))
-        .collect();
-    fits.retain(|fit| fit.overlap > LEAST_OVERLAP);
-    best_first(&mut fits);
-    distinct(&mut fits);
-    fits
-}
-
-/// More overlap first; of equal overlaps the closer. Distances count relative to the suspect's
-/// size: a tiny one would lie on any surface.
-fn best_first(fits: &mut [Fit]) {
-    let merit = |fit: &Fit| {
-        let scale = fit.similarity.scale.abs().clamp(0.01, 1.0);
-        fit.overlap * (1.0 - (fit.rms / (ROUGH * scale)).min(1.0))
-    };
-    fits.sort_by(|a, b| merit(b).total_cmp(&merit(a)));
-}
-
-/// Drops those that say what a better one says.
-fn distinct(fits: &mut Vec<Fit>) {
-    let mut kept: Vec<Fit> = Vec::new();
-    for fit in fits.iter() {
-        let same = |other: &Fit| {
-            glam::DVec3::AXES
-                .iter()
-                .all(|&p| fit.similarity.apply(p).distance(other.similarity.apply(p)) < FINE)
-        };
-        if !kept.iter().any(same) {
-            kept.push(*fit);
-        }
-    }
-    *fits = kept;
-}
-
-/// The last stage: all of the surface, then vertices that lie on vertices, if there are such.
-fn finish(
-    host: &PreparedHost,
-    suspect: &PreparedSuspect,
-    target: &Target,
-    fit: &Fit,
-    stop: Stop,
-) -> Alignment {
-    let points = scatter(&suspect.shape, REFINED);
-    let end = (3.0 * fit.rms).clamp(1e-4, FINE);
-    let mut fit = target.align(&fit.similarity, &points, FINE..end, 8, stop);
-    fit = Fit { similarity: fit.similarity, ..target.judge(&fit.similarity, &points, FINE, stop) };
-    let pairs = mutual(&host.shape, target, &suspect.shape, &fit.similarity, FINE, stop);
-    // Subdivision keeps all of the host's vertices and adds three times as many.
-    let fewer = suspect.shape.positions.len().min(host.shape.positions.len());
-    if pairs.len() * 2 < fewer {
-        return to_files(host, suspect, &fit);
-    }
-    let similarity = polish(&contacts(&host.shape, &suspect.shape, &pairs), fit.similarity);
-    let twins = Twins { similarity, pairs, median: 0.0 };
-    let overlap = fit.overlap;
-    Alignment { basis: Basis::Surface, overlap, ..from_twins(host, suspect, twins) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::mesh::Mesh;
     use crate::mesh::surface::Surface;
+    use crate::registration::in_place;
+    use crate::registration::shape::Shape;
+    use crate::registration::similarity::Similarity;
     use crate::registration::similarity::tests::awkward;
     use crate::sample::Sample;
     use glam::DVec3;

@@ -52,6 +52,13 @@ impl Similarity {
         }
     }
 
+    /// How far from each other two put a point of the unit box, at the most, about.
+    #[must_use]
+    pub fn apart(&self, other: &Self) -> f64 {
+        let apart = |&p: &DVec3| self.apply(p).distance(other.apply(p));
+        DVec3::AXES.iter().chain(&[DVec3::ZERO]).map(apart).fold(0.0, f64::max)
+    }
+
     /// Whether all its numbers are finite and the scale is not zero.
     #[must_use]
     pub fn is_valid(&self) -> bool {

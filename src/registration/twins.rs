@@ -6,6 +6,7 @@
 //! average out. Does nothing for a surface that was tessellated anew.
 
 use std::collections::VecDeque;
+use std::sync::OnceLock;
 
 use super::codes::{Code, Sense};
 use super::consensus::{Consensus, consensus, refine};
@@ -51,6 +52,20 @@ impl Landmarks {
     }
 }
 
+/// The ways to look for a suspect's landmarks, in the order in which they are tried. Files whose
+/// triangles wind the other way are rare, so they come last. Whether one is also a mirror image is
+/// another question: with or without its triangles turned over.
+const WAYS: [(Kind, Sense); 4] = [
+    (Kind::Connectivity, Sense::Along),
+    (Kind::Metric, Sense::Along),
+    (Kind::Connectivity, Sense::Against),
+    (Kind::Metric, Sense::Against),
+];
+
+/// A suspect's landmarks in each of the ways, collected when first asked for and kept for further hosts.
+#[derive(Debug, Clone, Default)]
+pub struct Findable([OnceLock<Vec<Landmark>>; WAYS.len()]);
+
 /// A suspect that shares vertices with its host.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Twins {
@@ -64,17 +79,16 @@ pub struct Twins {
 
 /// Finds the vertices that suspect and host share. `None` if there are not enough of them.
 #[must_use]
-pub fn twins(host: &Shape, landmarks: &Landmarks, suspect: &Shape) -> Option<Twins> {
+pub fn twins(
+    host: &Shape,
+    landmarks: &Landmarks,
+    suspect: &Shape,
+    findable: &Findable,
+) -> Option<Twins> {
     let mut best: Option<(Consensus, Vec<Seed>, Sense)> = None;
-    // Files whose triangles wind the other way are rare, so they come last. Whether one is also
-    // a mirror image is another question: with or without its triangles turned over.
-    for (kind, sense) in [
-        (Kind::Connectivity, Sense::Along),
-        (Kind::Metric, Sense::Along),
-        (Kind::Connectivity, Sense::Against),
-        (Kind::Metric, Sense::Against),
-    ] {
-        let seeds = shared(&suspect.landmarks(kind, sense), landmarks.of(kind));
+    for ((kind, sense), found) in WAYS.into_iter().zip(&findable.0) {
+        let found = found.get_or_init(|| suspect.landmarks(kind, sense));
+        let seeds = shared(found, landmarks.of(kind));
         let some = thinned(&seeds, SEEDS);
         let points: Vec<Pair> = some.map(|s| point_pair(host, suspect, s.pair)).collect();
         let either = [false, true].map(|mirrored| consensus(&points, mirrored));
@@ -141,8 +155,7 @@ fn grown(host: &Shape, suspect: &Shape, seeds: &[Seed], sense: Sense, found: &Co
 }
 
 /// The pairs with the host's normals there, without those where it has none.
-#[must_use]
-pub fn contacts(host: &Shape, suspect: &Shape, pairs: &[[u32; 2]]) -> Vec<Contact> {
+fn contacts(host: &Shape, suspect: &Shape, pairs: &[[u32; 2]]) -> Vec<Contact> {
     let contact = |&pair: &[u32; 2]| {
         let Pair { from, to, .. } = point_pair(host, suspect, pair);
         let normal = host.normals[pair[1] as usize];
@@ -294,7 +307,9 @@ mod tests {
                     let place = Similarity { scale: if mirrored { -0.37 } else { 0.37 }, ..place };
                     let (positions, triangles) = cropped(&mesh, share, &place);
                     let suspect = shape(positions, triangles);
-                    let found = twins(&host, &Landmarks::new(&host), &suspect).unwrap();
+                    let found =
+                        twins(&host, &Landmarks::new(&host), &suspect, &Findable::default())
+                            .unwrap();
                     let error = centre_error(&host, &suspect, &found, &place);
                     assert!(error < 1e-9, "{share}: {error:e}");
                     assert!(found.pairs.len() * 100 > suspect.positions.len() * 95);
@@ -319,7 +334,7 @@ mod tests {
             t.swap(0, 1);
         }
         let suspect = shape(positions, triangles);
-        let found = twins(&host, &Landmarks::new(&host), &suspect).unwrap();
+        let found = twins(&host, &Landmarks::new(&host), &suspect, &Findable::default()).unwrap();
         let error = centre_error(&host, &suspect, &found, &place);
         assert!(error < 1e-4, "{error:e}");
         assert!(found.pairs.len() * 10 > suspect.positions.len() * 9, "{}", found.pairs.len());
@@ -331,6 +346,6 @@ mod tests {
         let host = shape(host.positions().to_vec(), host.triangles().to_vec());
         let other = irregular(Sample::Blob, 6000);
         let other = shape(other.positions().to_vec(), other.triangles().to_vec());
-        assert_eq!(twins(&host, &Landmarks::new(&host), &other), None);
+        assert_eq!(twins(&host, &Landmarks::new(&host), &other, &Findable::default()), None);
     }
 }

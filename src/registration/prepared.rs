@@ -1,0 +1,112 @@
+//! Hosts and suspects made ready for each other, and what comes of it.
+
+use std::sync::OnceLock;
+
+use super::align::Target;
+use super::discs::Discs;
+use super::scatter::{Point, scatter};
+use super::shape::Shape;
+use super::similarity::Similarity;
+use super::twins::{Findable, Landmarks};
+
+/// Points that a surface is aligned by before it is known to fit.
+const ALIGNED: usize = 3000;
+
+/// How hard to try.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Effort {
+    /// Shared vertices only: fractions of a second, and nothing where the tessellation is new.
+    Twins,
+    /// Also wholes that were tessellated anew.
+    Whole,
+    /// Also parts that were tessellated anew, and mirrored wholes: seconds.
+    Thorough,
+}
+
+/// What an alignment rests on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Basis {
+    /// The file's own coordinates, which were kept.
+    InPlace,
+    /// Vertices that suspect and host share.
+    Twins,
+    /// The surface.
+    Surface,
+}
+
+/// A suspect brought home.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alignment {
+    /// From the suspect file's coordinates to the host file's.
+    pub similarity: Similarity,
+    /// What it rests on.
+    pub basis: Basis,
+    /// Share of the suspect that lies on the host: of its carriers that are paired, or of its area.
+    pub overlap: f64,
+    /// Root mean square distance over that share, relative to the host's diagonal.
+    pub rms: f64,
+    /// Carriers of the suspect and of the host that are one vertex, ascending by the first. Where
+    /// the basis is the surface they are nearest to each other and no more; none where most of the
+    /// one that has fewer have no such partner.
+    pub pairs: Vec<[u32; 2]>,
+}
+
+/// A host made ready; worth keeping while several suspects are compared with it.
+pub struct PreparedHost {
+    pub(super) shape: Shape,
+    pub(super) landmarks: Landmarks,
+    pub(super) points: Vec<Point>,
+    /// Built when first asked for: twins do without, and what fits nowhere without the latter.
+    discs: OnceLock<Discs>,
+    target: OnceLock<Option<Target>>,
+}
+
+/// A suspect made ready.
+pub struct PreparedSuspect {
+    pub(super) shape: Shape,
+    pub(super) landmarks: Findable,
+    pub(super) points: Vec<Point>,
+}
+
+impl PreparedHost {
+    /// Takes a shape over.
+    #[must_use]
+    pub fn new(shape: Shape) -> Self {
+        let (landmarks, points) = (Landmarks::new(&shape), scatter(&shape, ALIGNED));
+        Self { shape, landmarks, points, discs: OnceLock::new(), target: OnceLock::new() }
+    }
+
+    /// Its shape.
+    #[must_use]
+    pub fn shape(&self) -> &Shape {
+        &self.shape
+    }
+
+    pub(super) fn discs(&self) -> &Discs {
+        self.discs.get_or_init(|| Discs::new(&self.shape))
+    }
+
+    pub(super) fn target(&self) -> Option<&Target> {
+        self.target.get_or_init(|| Target::new(&self.shape)).as_ref()
+    }
+}
+
+impl PreparedSuspect {
+    /// Takes a shape over.
+    #[must_use]
+    pub fn new(shape: Shape) -> Self {
+        let points = scatter(&shape, ALIGNED);
+        Self { shape, landmarks: Findable::default(), points }
+    }
+
+    /// Its shape.
+    #[must_use]
+    pub fn shape(&self) -> &Shape {
+        &self.shape
+    }
+
+    /// About so many of its points, spread over all of it.
+    pub(super) fn some(&self, count: usize) -> Vec<Point> {
+        self.points.iter().step_by((self.points.len() / count).max(1)).copied().collect()
+    }
+}

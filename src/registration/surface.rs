@@ -1,0 +1,217 @@
+//! A suspect onto its host by the surface alone, whatever the triangles: guesses, judged and aligned
+//! on the host's discs, and the few that stand the test on all of its triangles.
+
+use super::align::{Fit, Ground, Stop, Target};
+use super::moments::by_moments;
+use super::nearest::mutual;
+use super::parts::{by_parts, sights};
+use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
+use super::scatter::{Point, scatter};
+use super::similarity::Similarity;
+
+/// Points of the suspect that judge hypotheses, those that parts are described by, and those that
+/// the final alignment goes by.
+const JUDGES: usize = 300;
+const DESCRIBED: usize = 6000;
+const REFINED: usize = 20_000;
+
+/// Distance at which a hypothesis' point counts as on the host, a share of the diagonal; the same
+/// once it is aligned.
+const ROUGH: f64 = 0.08;
+const FINE: f64 = 0.01;
+
+/// Hypotheses that are aligned, and that are returned.
+const ALIGNED_HYPOTHESES: usize = 12;
+const RETURNED: usize = 3;
+
+/// A whole that lies on its host like this need not be searched for as a part.
+const WHOLE: f64 = 0.95;
+
+/// Overlap from which an alignment is worth telling; and what it may seem less by rough measure.
+const LEAST_OVERLAP: f64 = 0.5;
+const ROUGHLY: f64 = 0.7;
+
+/// An alignment whose distances are so many times those of a better one is not another way to see
+/// it; nor is one of such a share of its overlap. Distances below the last say nothing here.
+const LOOSER: f64 = 3.0;
+const LESS: f64 = 0.7;
+const TIGHT: f64 = 2e-3;
+
+/// Discs stand for the surface as long as no reach is smaller than this.
+const DISCS_REACH: f64 = 0.006;
+
+/// The alignment of a suspect that kept its host's coordinates, refined if `refined`. `None` if it
+/// does not lie on the host, or was stopped.
+#[must_use]
+pub fn in_place(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    refined: bool,
+    stop: Stop,
+) -> Option<Alignment> {
+    let start = suspect.shape.unit.inverse().then(&host.shape.unit);
+    let roughly = host.discs().judge(&start, &suspect.points, FINE, stop);
+    if roughly.overlap < ROUGHLY * LEAST_OVERLAP {
+        return None;
+    }
+    let target = host.target()?;
+    let found = target.judge(&start, &suspect.points, FINE, stop);
+    if found.overlap < LEAST_OVERLAP {
+        return None;
+    }
+    let found = if refined {
+        finish(host, suspect, target, &found, &scatter(&suspect.shape, REFINED), stop)
+    } else {
+        to_files(host, suspect, &found)
+    };
+    (!stop()).then_some(Alignment { basis: Basis::InPlace, ..found })
+}
+
+/// The alignments by the surface alone, best first, without those that are about a `known` one;
+/// none at the least effort, or when stopped.
+#[must_use]
+pub fn by_surface(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    effort: Effort,
+    known: &[Alignment],
+    stop: Stop,
+) -> Vec<Alignment> {
+    if effort == Effort::Twins {
+        return Vec::new();
+    }
+    let guesses = by_moments(&host.points, &suspect.points, false);
+    let mut fits = aligned(host, suspect, &guesses, stop);
+    if effort >= Effort::Thorough && fits.first().is_none_or(|fit| fit.overlap < WHOLE) {
+        let [there, here] = [&host.shape, &suspect.shape].map(|s| sights(&scatter(s, DESCRIBED)));
+        let mut guesses = by_parts(&there, &here);
+        guesses.extend(by_moments(&host.points, &suspect.points, true));
+        fits.extend(aligned(host, suspect, &guesses, stop));
+        best_first(&mut fits);
+        distinct(&mut fits);
+    }
+    likely(&mut fits);
+    let units = (suspect.shape.unit.inverse(), host.shape.unit);
+    let known = known.iter().map(|a| units.0.then(&a.similarity).then(&units.1));
+    let known: Vec<Similarity> = known.collect();
+    fits.retain(|fit| known.iter().all(|k| k.apart(&fit.similarity) > FINE));
+    if fits.is_empty() {
+        return Vec::new();
+    }
+    let Some(target) = host.target() else { return Vec::new() };
+    let points = scatter(&suspect.shape, REFINED);
+    let last = fits.iter().take(RETURNED).take_while(|_| !stop());
+    let found = last.map(|fit| finish(host, suspect, target, fit, &points, stop));
+    let found = found.filter(|alignment| alignment.overlap > LEAST_OVERLAP).collect();
+    // What was cut short is worth nothing.
+    if stop() { Vec::new() } else { found }
+}
+
+fn to_files(host: &PreparedHost, suspect: &PreparedSuspect, fit: &Fit) -> Alignment {
+    Alignment {
+        similarity: suspect.shape.unit.then(&fit.similarity).then(&host.shape.unit.inverse()),
+        basis: Basis::Surface,
+        overlap: fit.overlap,
+        rms: fit.rms,
+        pairs: Vec::new(),
+    }
+}
+
+/// Drops what the best shows to be an accident.
+fn likely(fits: &mut Vec<Fit>) {
+    if let Some(&best) = fits.first() {
+        let loosest = LOOSER * best.rms.max(TIGHT);
+        fits.retain(|fit| fit.rms <= loosest && fit.overlap >= LESS * best.overlap);
+    }
+}
+
+/// Judges guesses by few points, aligns the better ones by more, and returns those that lie on the
+/// host, best first.
+fn aligned(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    guesses: &[Similarity],
+    stop: Stop,
+) -> Vec<Fit> {
+    let discs = host.discs();
+    let judges = suspect.some(JUDGES);
+    // The reach of a small part must not span all of it.
+    let reach = |s: &Similarity| ROUGH * s.scale.abs().clamp(0.2, 1.0);
+    let mut judged: Vec<Fit> = guesses
+        .iter()
+        .take_while(|_| !stop())
+        .map(|guess| discs.judge(guess, &judges, reach(guess), stop))
+        .collect();
+    best_first(&mut judged);
+    let closer = |fit: &Fit, points: &[Point], to: f64, rounds: u32| {
+        let reach = reach(&fit.similarity);
+        let end = to * reach / ROUGH;
+        let target = if end < DISCS_REACH { host.target() } else { None };
+        let ground: &dyn Ground = target.map_or(discs, |target| target);
+        let similarity = ground.align(&fit.similarity, points, reach..end, rounds, stop);
+        ground.judge(&similarity, points, end, stop)
+    };
+    let mut fits: Vec<Fit> = judged
+        .iter()
+        .take(ALIGNED_HYPOTHESES)
+        .take_while(|_| !stop())
+        .map(|guess| closer(guess, &judges, 2.0 * FINE, 12))
+        .collect();
+    best_first(&mut fits);
+    distinct(&mut fits);
+    fits.truncate(RETURNED);
+    let mut fits: Vec<Fit> = fits
+        .iter()
+        .take_while(|_| !stop())
+        .map(|fit| closer(fit, &suspect.points, FINE, 15))
+        .collect();
+    fits.retain(|fit| fit.overlap > ROUGHLY * LEAST_OVERLAP);
+    best_first(&mut fits);
+    distinct(&mut fits);
+    fits
+}
+
+/// More overlap first; of equal overlaps the closer. Distances count relative to the suspect's
+/// size: a tiny one would lie on any surface.
+fn best_first(fits: &mut [Fit]) {
+    let merit = |fit: &Fit| {
+        let scale = fit.similarity.scale.abs().clamp(0.01, 1.0);
+        fit.overlap * (1.0 - (fit.rms / (ROUGH * scale)).min(1.0))
+    };
+    fits.sort_by(|a, b| merit(b).total_cmp(&merit(a)));
+}
+
+/// Drops those that say what a better one says.
+fn distinct(fits: &mut Vec<Fit>) {
+    let mut kept: Vec<Fit> = Vec::new();
+    for fit in fits.iter() {
+        let same = |other: &Fit| fit.similarity.apart(&other.similarity) < FINE;
+        if !kept.iter().any(same) {
+            kept.push(*fit);
+        }
+    }
+    *fits = kept;
+}
+
+/// The last stage: all of the surface, then vertices that lie on vertices, if there are such. They
+/// have no say in where the suspect lies: simplification puts them outside of the host's surface,
+/// smoothing inside, and nearest ones pull to where they happen to be.
+fn finish(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    target: &Target,
+    fit: &Fit,
+    points: &[Point],
+    stop: Stop,
+) -> Alignment {
+    let end = (3.0 * fit.rms).clamp(1e-4, FINE);
+    let similarity = target.align(&fit.similarity, points, FINE..end, 8, stop);
+    let fit = target.judge(&similarity, points, FINE, stop);
+    let mut pairs = mutual(&host.shape, target, &suspect.shape, &fit.similarity, FINE, stop);
+    // Subdivision keeps all of the host's vertices and adds three times as many.
+    let fewer = suspect.shape.positions.len().min(host.shape.positions.len());
+    if pairs.len() * 2 < fewer {
+        pairs.clear();
+    }
+    Alignment { pairs, ..to_files(host, suspect, &fit) }
+}
