@@ -29,6 +29,9 @@ use crate::watermark::{Candidate, CodewordIndex, GroupKey, Hypothesis, Profile, 
 /// Fewer vertices than this that are known one by one say too little for the matched filter.
 const LEAST_SIGHTINGS: usize = 32;
 
+/// Of the error probability, what a host on the short list leaves to those after it.
+const REST: f64 = 0.4;
+
 /// Share of its strength that a statistic of a sound mark has at least, and share of the bins of
 /// which that is expected. (The embedder gives up to a tenth of the bins less where more would be
 /// dear; in the mean of two copies it is a quarter to a half of them.)
@@ -80,7 +83,7 @@ impl Visit<'_> {
             return Ok(());
         }
         let visitor = Visitor::new(self.mesh, self.suspect.surface());
-        let mut rank_share = 0.5;
+        let mut rank_share = 1.0 - REST;
         for housed in self.hosts {
             go_on(self.stop)?;
             let mut failed = None;
@@ -100,7 +103,7 @@ impl Visit<'_> {
             if end.is_break() || !climb.is_open() {
                 return Ok(());
             }
-            rank_share *= 0.5;
+            rank_share *= REST;
         }
         Ok(())
     }
