@@ -6,7 +6,7 @@ mod support;
 
 use std::sync::Arc;
 
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use quadmark::formats::{Asset, Limits};
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
@@ -195,7 +195,7 @@ fn no_more_codewords_reach_a_bound_of_the_host_s_detectors_than_it_says() {
                 .collect();
             let mesh = Mesh::new(positions, host.triangles().to_vec()).unwrap();
             let suspect = Suspect::new(&mesh).unwrap();
-            let comparison = own.compare(&sightings, DQuat::IDENTITY);
+            let comparison = own.compare(&sightings, None);
             let others: Vec<&[DVec3]> = expected.iter().map(Vec::as_slice).collect();
             let readings = [
                 ("host frame", suspect.read_in(&frame, 77, params.bits, Modulation::Mean)),

@@ -13,6 +13,7 @@ use super::super::ServiceError;
 use super::super::hosts::HostKey;
 use super::super::known::codeword;
 use super::super::verdict::{FrameName, StageName};
+use super::classes::Classes;
 use super::count::share;
 use super::homes::Homes;
 use super::ladder::{Climb, Found, MOST_MATCHES};
@@ -49,6 +50,12 @@ pub(super) struct Housed {
 }
 
 impl Housed {
+    /// A record by its id.
+    pub(super) fn record(&self, id: u128) -> Option<&Record> {
+        let at = self.records.binary_search_by_key(&id, |record| record.id.as_u128()).ok()?;
+        self.records.get(at)
+    }
+
     /// Whether the request asks about a record.
     pub(super) fn is_asked(&self, id: u128) -> bool {
         self.ids.binary_search(&id).is_ok()
@@ -140,16 +147,23 @@ impl Visit<'_> {
             LookKind::InPlace | LookKind::Near => FrameName::InPlace,
             LookKind::SameOrder | LookKind::Registered(_) => FrameName::Registered,
         };
-        let counted = |stage: StageName| {
-            housed.ids.len() as f64 / (share(stage) * rank_share * look.kind.share())
-        };
         let profile = self.suspect.in_frame(&frame);
         let ranked = self.in_frame(housed, &profile);
         climb.tried(StageName::HostFrames, housed.ids.len() as u64);
         let ranking: Vec<u128> = ranked.iter().map(|candidate| candidate.id).collect();
+        let mut classes = Classes::new(&profile);
+        let mut counted = |stage: StageName, id: u128| -> Result<f64, ServiceError> {
+            let all = housed.ids.len() as f64 / (share(stage) * rank_share * look.kind.share());
+            // (Of very many records the oldest are not here.)
+            let Some(record) = housed.record(id) else { return Ok(all) };
+            let class = codeword(self.keys, &record.source())?.lattice_class();
+            let Record { bits, method, strength, .. } = record;
+            Ok(all / classes.share(*bits, method.modulation(), *strength, class))
+        };
         let asked = ranked.into_iter().filter(|candidate| housed.is_asked(candidate.id));
         for candidate in asked.take(MOST_MATCHES) {
-            climb.add(StageName::HostFrames, name, candidate, counted(StageName::HostFrames));
+            let counted = counted(StageName::HostFrames, candidate.id)?;
+            climb.add(StageName::HostFrames, name, candidate, counted);
         }
         if let Some(found) = climb.best_match()
             && (housed.records.len() == 1 || self.is_sound(found)?)
@@ -159,8 +173,8 @@ impl Visit<'_> {
         if look.sightings.len() < LEAST_SIGHTINGS {
             return Ok(ControlFlow::Continue(()));
         }
-        let seen = Seen { name, frame, profile: &profile, counted: &counted };
-        Recipients::new(self, housed, &ranking, look).read(&seen, climb)
+        let mut seen = Seen { name, frame, profile: &profile, counted: &mut counted };
+        Recipients::new(self, housed, &ranking, look).read(&mut seen, climb)
     }
 
     /// The host's records that score better than chance in its frame, best first.

@@ -8,6 +8,7 @@
 
 mod at_home;
 mod blind;
+mod classes;
 mod count;
 mod existing;
 mod homes;

@@ -16,7 +16,7 @@ use super::super::verdict::{FrameName, StageName};
 use super::at_home::{Housed, Visit};
 use super::ladder::Climb;
 use super::{Depth, go_on};
-use crate::recognition::Look;
+use crate::recognition::{Look, LookKind};
 use crate::registry::Record;
 use crate::watermark::{
     Candidate, Codeword, Comparison, Frame, HostFilter, Hypothesis, Profile, SoftBits,
@@ -31,14 +31,14 @@ fn most_filtered(depth: Depth) -> (usize, usize) {
     if depth == Depth::Exhaustive { (64, 16) } else { (10, 2) }
 }
 
-/// What a look assumes, and what a stage's bounds are multiplied by there.
+/// What a look assumes, and what a stage's bound of a record is multiplied by there.
 pub(super) struct Seen<'a> {
     pub(super) name: FrameName,
     /// The host's frame in the suspect's coordinates.
     pub(super) frame: Frame,
     /// The suspect in that frame.
     pub(super) profile: &'a Profile,
-    pub(super) counted: &'a dyn Fn(StageName) -> f64,
+    pub(super) counted: &'a mut dyn FnMut(StageName, u128) -> Result<f64, ServiceError>,
 }
 
 /// A record's filter on the host and its codeword.
@@ -67,11 +67,7 @@ impl<'a> Recipients<'a> {
         ranking: &[u128],
         look: &'a Look,
     ) -> Self {
-        let of = |id: &u128| {
-            let at = housed.records.binary_search_by_key(id, |record| record.id.as_u128()).ok()?;
-            housed.records.get(at)
-        };
-        let ranked: Vec<&Record> = ranking.iter().filter_map(of).collect();
+        let ranked: Vec<&Record> = ranking.iter().filter_map(|&id| housed.record(id)).collect();
         let is_ranked = |record: &&Record| ranked.iter().any(|known| known.id == record.id);
         // (The rest, newest first: bins say nothing of a suspect that is much damaged.)
         let rest = housed.records.iter().rev().filter(|record| !is_ranked(record));
@@ -85,18 +81,21 @@ impl<'a> Recipients<'a> {
     /// Scores them; breaks when all is said.
     pub(super) fn read(
         &self,
-        seen: &Seen<'_>,
+        seen: &mut Seen<'_>,
         climb: &mut Climb,
     ) -> Result<ControlFlow<()>, ServiceError> {
         let asked: Result<Vec<Filtered>, ServiceError> =
             self.asked.iter().map(|record| self.filtered(record)).collect();
         let asked = asked?;
+        let turned = match self.look.kind {
+            LookKind::InPlace => None,
+            _ => Some(self.look.similarity.rotation),
+        };
         let mut readings: Vec<(&Filtered, Comparison)> = Vec::new();
         for filtered in &asked {
             go_on(self.visit.stop)?;
-            let reading =
-                filtered.filter.compare(&self.look.sightings, self.look.similarity.rotation);
-            self.score(StageName::MatchedFilter, filtered, reading.alone(), seen, climb);
+            let reading = filtered.filter.compare(&self.look.sightings, turned);
+            self.score(StageName::MatchedFilter, filtered, reading.alone(), seen, climb)?;
             readings.push((filtered, reading));
             if self.housed.records.len() == 1 && !climb.is_open() {
                 return Ok(ControlFlow::Break(()));
@@ -112,7 +111,7 @@ impl<'a> Recipients<'a> {
     fn beside(
         &self,
         readings: &[(&Filtered<'_>, Comparison<'_>)],
-        seen: &Seen<'_>,
+        seen: &mut Seen<'_>,
         climb: &mut Climb,
     ) -> Result<(), ServiceError> {
         let mut expected: Vec<(&Record, Vec<DVec3>)> = Vec::new();
@@ -129,7 +128,7 @@ impl<'a> Recipients<'a> {
             let others: Vec<&[DVec3]> = others.map(|(_, at)| at.as_slice()).take(BESIDE).collect();
             if !others.is_empty() {
                 let soft = reading.beside(&others);
-                self.score(StageName::BesideOthers, filtered, soft, seen, climb);
+                self.score(StageName::BesideOthers, filtered, soft, seen, climb)?;
             }
         }
         Ok(())
@@ -138,7 +137,7 @@ impl<'a> Recipients<'a> {
     fn below(
         &self,
         readings: &[(&Filtered<'_>, Comparison<'_>)],
-        seen: &Seen<'_>,
+        seen: &mut Seen<'_>,
         climb: &mut Climb,
     ) -> Result<(), ServiceError> {
         for (filtered, reading) in readings.iter().take(most_filtered(self.visit.depth).1) {
@@ -148,7 +147,7 @@ impl<'a> Recipients<'a> {
             let over =
                 self.visit.homes.filter((self.housed.key, &self.housed.home), record, class)?;
             if let Some(soft) = reading.under(&over) {
-                self.score(StageName::BelowAnother, filtered, soft, seen, climb);
+                self.score(StageName::BelowAnother, filtered, soft, seen, climb)?;
             }
         }
         Ok(())
@@ -166,9 +165,9 @@ impl<'a> Recipients<'a> {
         stage: StageName,
         of: &Filtered<'_>,
         soft: SoftBits,
-        seen: &Seen<'_>,
+        seen: &mut Seen<'_>,
         climb: &mut Climb,
-    ) {
+    ) -> Result<(), ServiceError> {
         let score = soft.score(&of.codeword);
         let candidate = Candidate {
             id: of.record.id.as_u128(),
@@ -177,7 +176,9 @@ impl<'a> Recipients<'a> {
             hypothesis: Hypothesis { frame: seen.frame, soft: Arc::new(soft) },
         };
         climb.tried(stage, 1);
-        climb.add(stage, seen.name, candidate, (seen.counted)(stage));
+        let counted = (seen.counted)(stage, candidate.id)?;
+        climb.add(stage, seen.name, candidate, counted);
+        Ok(())
     }
 }
 

@@ -17,12 +17,13 @@ use super::{HostFilter, Sighting, median};
 use crate::watermark::SoftBits;
 
 /// Standard error of a predicted displacement along an axis, as a share of the way from a zero to a
-/// one. The cells of exact-mean marks on a bunny, a horse, nefertiti, an armadillo and a rocker arm on
-/// grids of 3 to 5 bits are explained best by 0.02 (less was not tried), hardly worse by 0.1; no bound
-/// there moves by more than a decade from 0.02 to 0.4.
+/// one. The cells of exact-mean marks on a bunny, a horse, nefertiti, an armadillo and a rocker arm
+/// on grids of 3 to 5 bits are explained best by 0.02 (less was not tried), hardly worse by 0.1; no
+/// bound of 4 or 5 bits moves by more than 1.1 decades from 0.02 to 0.4.
 const SHARE: f64 = 0.05;
 
-/// Probability that a vertex is anywhere. No bound there moves by more than 0.3 decades from 0.001 to 0.05.
+/// Probability that a vertex is anywhere. No such bound moves by more than 0.3 decades from 0.001 to
+/// 0.05.
 const STRAY: f64 = 0.01;
 
 /// By how much the suspect may have been roughened before it was quantised, in steps: what is tried.
@@ -232,7 +233,7 @@ mod tests {
                 let sightings = seen(&marked, &filter, turned, steps, snap);
                 let grid = grid_of(&sightings, turned);
                 assert!(grid.is_some(), "{sample} {steps}");
-                let cells = bound(&filter.compare(&sightings, turned).alone());
+                let cells = bound(&filter.compare(&sightings, Some(turned)).alone());
                 let residuals =
                     bound(&Comparison::after(&filter, &sightings, 0, &filter.middle).alone());
                 // Cut off, the flat sides of the gear are the edges of cells.

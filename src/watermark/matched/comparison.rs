@@ -14,6 +14,7 @@
 
 use glam::{DQuat, DVec3};
 
+use super::alike::Alike;
 use super::estimate::Normal;
 use super::{HostFilter, Sighting, grid_of};
 use crate::watermark::SoftBits;
@@ -35,10 +36,19 @@ pub struct Comparison<'a> {
 }
 
 impl<'a> Comparison<'a> {
-    pub(super) fn new(filter: &'a HostFilter, sightings: &[Sighting], turned: DQuat) -> Self {
-        let (rounds, middle) = filter.smoothed_alike(sightings);
-        let cells = || filter.by_cells(sightings, &grid_of(sightings, turned)?);
-        let cells = if rounds == 0 { cells() } else { None };
+    pub(super) fn new(
+        filter: &'a HostFilter,
+        sightings: &[Sighting],
+        turned: Option<DQuat>,
+    ) -> Self {
+        let Alike { rounds, middle, nudge } = filter.alike(sightings, turned.is_some());
+        if rounds > 0 {
+            let at = |s: &Sighting| Sighting { at: nudge.apply(s.at), ..*s };
+            let sightings: Vec<Sighting> = sightings.iter().map(at).collect();
+            return Self::after(filter, &sightings, rounds, &middle);
+        }
+        let grid = grid_of(sightings, turned.unwrap_or_default());
+        let cells = grid.and_then(|grid| filter.by_cells(sightings, &grid));
         Self { cells, ..Self::after(filter, sightings, rounds, &middle) }
     }
 
@@ -186,7 +196,7 @@ mod tests {
         let bounds = |k: usize| {
             let others: Vec<&[DVec3]> =
                 (0..expected.len()).filter(|b| *b != k).map(|b| expected[b].as_slice()).collect();
-            let reading = filters[k].compare(&sightings, DQuat::IDENTITY);
+            let reading = filters[k].compare(&sightings, None);
             [reading.alone(), reading.beside(&others)]
                 .map(|soft| soft.log10_bound(soft.score(&codewords[k]).t))
         };
@@ -235,7 +245,7 @@ mod tests {
             let at =
                 |(carrier, &v): (u32, &u32)| Sighting { carrier, at: now.positions()[v as usize] };
             let sightings: Vec<Sighting> = (0..).zip(&surface.first_vertex).map(at).collect();
-            let reading = filter.compare(&sightings, DQuat::IDENTITY);
+            let reading = filter.compare(&sightings, None);
             let bound = |soft: SoftBits, c: &Codeword| soft.log10_bound(soft.score(c).t);
             let alone = bound(reading.alone(), &earlier);
             let below = bound(reading.under(&over).unwrap(), &earlier);

@@ -16,10 +16,12 @@
 //! Nothing here may depend on the codeword. Must not know how suspects are brought into the host's
 //! coordinates, or which of their vertices is whose.
 
+mod alike;
 mod cells;
 mod comparison;
 mod estimate;
 mod grid;
+mod refit;
 mod smoothing;
 
 use glam::{DQuat, DVec3};
@@ -34,7 +36,6 @@ use super::modulate::State;
 use super::pass::{Host, Passes};
 use super::{BitCount, Codeword, EmbedParams, SoftBits, WatermarkError};
 use crate::mesh::Mesh;
-use crate::mesh::adjacency::Adjacency;
 use crate::mesh::surface::Surface;
 
 /// A carrier of the host, and where the suspect has it, in the host's coordinates.
@@ -51,16 +52,6 @@ const NO_BIN: u16 = u16::MAX;
 
 /// Passes for all ones and all zeros. The second knows which vertices the guard stiffens.
 const PASSES: usize = 2;
-
-/// Half-way rounds of smoothing (`lambda` 0.5) that the host is put through, to find the number
-/// that fits the suspect best: attacks do few or many, and a fit a quarter off hardly costs.
-const SMOOTHINGS: [usize; 14] = [0, 1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 50, 70];
-
-/// Numbers of rounds that may fit worse than the best before the search ends.
-const PATIENCE: usize = 2;
-
-/// Share of the misfit without smoothing below which a suspect counts as smoothed at all.
-const CLEARLY: f64 = 0.9;
 
 /// Residuals that judge a number of rounds, at the most.
 const JUDGES: usize = 20_000;
@@ -79,7 +70,7 @@ const KNEE: f64 = 2.0;
 #[derive(Debug, Clone)]
 pub struct HostFilter {
     surface: Surface,
-    adjacency: Adjacency,
+    smoothing: Smoothing,
     bits: BitCount,
     /// Root mean square difference of the norms at the ends of an edge, in bin widths.
     stride: f64,
@@ -128,13 +119,13 @@ impl HostFilter {
             bins: rho.iter().map(bin).collect(),
             middle: pairs().map(|(&zero, &one)| zero.midpoint(one)).collect(),
             difference: pairs().map(|(&zero, &one)| one - zero).collect(),
-            adjacency: Adjacency::new(surface.positions.len(), &surface.triangles),
+            smoothing: Smoothing::new(&surface),
             surface,
         })
     }
 
-    fn smoothing(&self) -> Smoothing<'_> {
-        Smoothing { surface: &self.surface, adjacency: &self.adjacency }
+    fn smoothing(&self) -> &Smoothing {
+        &self.smoothing
     }
 
     /// The host's carriers.
@@ -147,24 +138,26 @@ impl HostFilter {
     #[must_use]
     pub fn bytes(&self) -> usize {
         const CARRIER: usize = 3 * size_of::<DVec3>() + size_of::<u16>() + size_of::<u32>();
-        const TRIANGLE: usize = 6 * size_of::<u32>();
+        const TRIANGLE: usize = 3 * size_of::<u32>();
         self.surface.positions.len() * CARRIER
             + self.surface.triangles.len() * TRIANGLE
             + self.surface.carrier_of.len() * size_of::<u32>()
+            + self.smoothing.bytes()
     }
 
-    /// A suspect looked at through this filter. Where it had to be turned to be in the host's
-    /// coordinates, its grid, if it has one, was `turned` with it.
+    /// A suspect looked at through this filter. `turned` when a similarity, which turned it so, brought
+    /// it to the host: its grid, if it has one, was turned with it, and the scale may be wrong by what
+    /// smoothing shrank.
     #[must_use]
-    pub fn compare(&self, sightings: &[Sighting], turned: DQuat) -> Comparison<'_> {
+    pub fn compare(&self, sightings: &[Sighting], turned: Option<DQuat>) -> Comparison<'_> {
         Comparison::new(self, sightings, turned)
     }
 
-    /// Soft bits of a suspect that kept its axes; also how many rounds of smoothing it seems to have
-    /// been through.
+    /// Soft bits of a suspect that lies where the host does; also how many rounds of smoothing it seems
+    /// to have been through.
     #[must_use]
     pub fn read(&self, sightings: &[Sighting]) -> (SoftBits, usize) {
-        let comparison = self.compare(sightings, DQuat::IDENTITY);
+        let comparison = self.compare(sightings, None);
         (comparison.alone(), comparison.rounds())
     }
 
@@ -246,34 +239,6 @@ impl HostFilter {
             }
         }
         gram
-    }
-
-    /// As many rounds of smoothing as fit the suspect best, and where `self.middle` is after them.
-    fn smoothed_alike(&self, sightings: &[Sighting]) -> (usize, Vec<DVec3>) {
-        let judges: Vec<Sighting> =
-            sightings.iter().step_by((sightings.len() / JUDGES).max(1)).copied().collect();
-        let misfit = |middle: &[DVec3]| {
-            let off = judges.iter().map(|s| (s.at - middle[s.carrier as usize]).length());
-            median(off.collect())
-        };
-        let mut best = (misfit(&self.middle), 0, self.middle.clone());
-        let mut now = self.middle.clone();
-        let (mut rounds, mut worse) = (0, 0);
-        for upto in SMOOTHINGS.into_iter().skip(1) {
-            now = self.smoothing().smoothed(now, upto - rounds);
-            rounds = upto;
-            let off = misfit(&now);
-            worse += 1;
-            let clearly = if best.1 == 0 { CLEARLY * best.0 } else { best.0 };
-            if off < clearly {
-                best = (off, rounds, now.clone());
-                worse = 0;
-            }
-            if worse == PATIENCE {
-                break;
-            }
-        }
-        (best.1, best.2)
     }
 }
 

@@ -1,0 +1,168 @@
+//! How much a suspect was smoothed: the host is smoothed alike until it fits.
+//!
+//! The similarity that brought a moved suspect to the host was fitted to the host as it was, and took
+//! the shrinkage of smoothing for a scale. So it is fitted anew to each smoothed host.
+//!
+//! Must not know codewords.
+
+use glam::DVec3;
+
+use super::refit::Nudge;
+use super::{HostFilter, JUDGES, Sighting, median};
+
+/// Half-way rounds of smoothing (`lambda` 0.5) that are tried first; then those about the best.
+const SMOOTHINGS: [usize; 14] = [0, 1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 50, 70];
+
+/// Numbers of rounds that may fit no better than fewer did before the search ends.
+const PATIENCE: usize = 2;
+
+/// Share of the misfit without smoothing below which a suspect counts as smoothed at all.
+const CLEARLY: f64 = 0.95;
+
+/// A misfit below this many times the typical move of a mark is the mark's own, and no smoothing is
+/// looked for.
+const OWN: f64 = 1.1;
+
+/// The host made alike.
+pub(super) struct Alike {
+    pub(super) rounds: usize,
+    /// `HostFilter::middle` after so many rounds.
+    pub(super) middle: Vec<DVec3>,
+    /// Moves sightings to where they fit it best.
+    pub(super) nudge: Nudge,
+}
+
+/// A number of rounds, as it fits.
+struct Trial {
+    misfit: f64,
+    nudge: Nudge,
+    rounds: usize,
+    middle: Vec<DVec3>,
+}
+
+impl HostFilter {
+    /// As many rounds of smoothing as fit the suspect best; `moved` when a similarity brought it here.
+    pub(super) fn alike(&self, sightings: &[Sighting], moved: bool) -> Alike {
+        let judges: Vec<Sighting> =
+            sightings.iter().step_by((sightings.len() / JUDGES).max(1)).copied().collect();
+        let trial = |rounds: usize, middle: &Vec<DVec3>, nudge: Nudge| {
+            let pair = |s: &Sighting| (s.at, middle[s.carrier as usize]);
+            let pairs: Vec<(DVec3, DVec3)> = judges.iter().map(pair).collect();
+            let nudge = if moved { nudge.onto(&pairs) } else { nudge };
+            let off = pairs.iter().map(|&(from, to)| nudge.apply(from).distance(to));
+            (median(off.collect()), nudge, rounds)
+        };
+        let kept = |(misfit, nudge, rounds): (f64, Nudge, usize), middle: &[DVec3]| Trial {
+            misfit,
+            nudge,
+            rounds,
+            middle: middle.to_vec(),
+        };
+        let mut now = self.middle.clone();
+        let mut best = kept(trial(0, &now, Nudge::NONE), &now);
+        let own = judges.iter().map(|s| 0.5 * self.difference[s.carrier as usize].length());
+        if best.misfit <= OWN * median(own.collect()) {
+            return Alike { rounds: 0, middle: now, nudge: Nudge::NONE };
+        }
+        let mut nudge = best.nudge;
+        let (mut rounds, mut worse, mut least) = (0, 0, best.misfit);
+        // What the best was smoothed from, and which number was tried after it.
+        let (mut before, mut after) = ((0, now.clone()), None);
+        for upto in SMOOTHINGS.into_iter().skip(1) {
+            let next = self.smoothing().smoothed(now.clone(), upto - rounds);
+            let last = (rounds, std::mem::replace(&mut now, next));
+            rounds = upto;
+            let tried = trial(rounds, &now, nudge);
+            nudge = tried.1;
+            // After many rounds, the first few make up for little.
+            worse = if tried.0 < least { 0 } else { worse + 1 };
+            least = least.min(tried.0);
+            let clearly = if best.rounds == 0 { CLEARLY } else { 1.0 };
+            if tried.0 < clearly * best.misfit {
+                best = kept(tried, &now);
+                (before, after) = (last, None);
+            } else {
+                after = after.or(Some(upto));
+            }
+            if worse == PATIENCE {
+                break;
+            }
+        }
+        if best.rounds == 0 {
+            return Alike { rounds: 0, middle: best.middle, nudge: Nudge::NONE };
+        }
+        // Between the numbers of the table, one by one.
+        let (mut rounds, mut now) = before;
+        let mut worse = 0;
+        nudge = best.nudge;
+        while rounds + 1 < after.unwrap_or(best.rounds) && worse < PATIENCE {
+            now = self.smoothing().smoothed(now, 1);
+            rounds += 1;
+            let tried = trial(rounds, &now, nudge);
+            if tried.0 < best.misfit {
+                best = kept(tried, &now);
+                worse = 0;
+            } else if rounds > best.rounds {
+                worse += 1;
+            }
+        }
+        let pair = |s: &Sighting| (s.at, best.middle[s.carrier as usize]);
+        let nudge = if moved {
+            best.nudge.onto(&sightings.iter().map(pair).collect::<Vec<_>>())
+        } else {
+            Nudge::NONE
+        };
+        Alike { rounds: best.rounds, middle: best.middle, nudge }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::super::tests::marked;
+    use super::*;
+    use crate::sample::Sample;
+    use crate::watermark::Method;
+
+    #[test]
+    fn the_number_of_rounds_is_found_where_the_suspect_lies_and_where_a_fit_took_it() {
+        let marked = marked(Sample::Knot, Method::ExactMean);
+        let class = marked.codeword.lattice_class();
+        let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
+        let carriers = filter.surface().first_vertex.iter();
+        let field: Vec<DVec3> = carriers.map(|&v| marked.positions[v as usize]).collect();
+        let turn = DQuat::from_rotation_x(1e-3);
+        for rounds in [6, 10, 12, 50] {
+            let field = filter.smoothing().smoothed(field.clone(), rounds);
+            let seen = |at: &dyn Fn(DVec3) -> DVec3| -> Vec<Sighting> {
+                (0..).zip(&field).map(|(carrier, p)| Sighting { carrier, at: at(*p) }).collect()
+            };
+            // A fit to the unsmoothed host makes up for some of the shrinkage.
+            let cases = [(seen(&|p| p), false), (seen(&|p| turn * (1.01 * p) + 0.002), true)];
+            for (sightings, moved) in cases {
+                assert_eq!(filter.alike(&sightings, moved).rounds, rounds, "{moved}");
+                let turned = moved.then_some(DQuat::IDENTITY);
+                let soft = filter.compare(&sightings, turned).alone();
+                let bound = soft.log10_bound(soft.score(&marked.codeword).t);
+                assert!(bound < -5.0, "{rounds} {moved}: {bound}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_differs_by_the_mark_alone_was_not_smoothed() {
+        for sample in Sample::ALL {
+            let marked = marked(sample, Method::ExactMean);
+            let class = marked.codeword.lattice_class();
+            let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
+            for moved in [false, true] {
+                let carriers = (0..).zip(&filter.surface().first_vertex);
+                let seen = carriers
+                    .map(|(carrier, &v)| Sighting { carrier, at: marked.positions[v as usize] });
+                let alike = filter.alike(&seen.collect::<Vec<_>>(), moved);
+                assert_eq!((alike.rounds, alike.nudge), (0, Nudge::NONE), "{sample} {moved}");
+            }
+        }
+    }
+}
