@@ -75,7 +75,7 @@ mod tests {
             assert!((mean - 1.0).abs() < 1e-12, "{mean}");
             assert!(shares.iter().all(|share| *share > 0.5));
             let most = shares.iter().copied().fold(0.0, f64::max);
-            assert!(shares[usize::from(best)] == most && most > 20.0, "{most}");
+            assert!(shares[usize::from(best)] >= most && most > 20.0, "{most}");
         }
         // What is no number is in no way likely, and does no harm.
         let none = shares(|_| f64::NAN);

@@ -16,12 +16,11 @@ use super::super::verdict::StageName;
 /// The part of the error probability that a stage may spend. They add up to at most 1.
 pub(super) fn share(stage: StageName) -> f64 {
     match stage {
-        // Smoothed copies whose host is not kept end here.
-        StageName::NearLattices => 0.25,
         // Plain copies have decades to spare.
         StageName::Blind | StageName::InPlace | StageName::Lattices => 0.0625,
-        // The marks that are hardest to read end here: parts, wrecks, coarse ones.
-        StageName::HostFrames | StageName::MatchedFilter => 0.25,
+        // The marks that are hardest to read end here: smoothed copies whose host is not kept; parts,
+        // wrecks, coarse ones.
+        StageName::NearLattices | StageName::HostFrames | StageName::MatchedFilter => 0.25,
         StageName::BesideOthers => 0.03125,
         StageName::BelowAnother => 0.015_625,
         StageName::WideLattices | StageName::LaterMarks => 0.007_812_5,

@@ -95,7 +95,7 @@ impl<'a> Recipients<'a> {
         for filtered in &asked {
             go_on(self.visit.stop)?;
             let reading = filtered.filter.compare(&self.look.sightings, turned);
-            self.score(StageName::MatchedFilter, filtered, reading.alone(), seen, climb)?;
+            score(StageName::MatchedFilter, filtered, reading.alone(), seen, climb)?;
             readings.push((filtered, reading));
             if self.housed.records.len() == 1 && !climb.is_open() {
                 return Ok(ControlFlow::Break(()));
@@ -128,7 +128,7 @@ impl<'a> Recipients<'a> {
             let others: Vec<&[DVec3]> = others.map(|(_, at)| at.as_slice()).take(BESIDE).collect();
             if !others.is_empty() {
                 let soft = reading.beside(&others);
-                self.score(StageName::BesideOthers, filtered, soft, seen, climb)?;
+                score(StageName::BesideOthers, filtered, soft, seen, climb)?;
             }
         }
         Ok(())
@@ -147,7 +147,7 @@ impl<'a> Recipients<'a> {
             let over =
                 self.visit.homes.filter((self.housed.key, &self.housed.home), record, class)?;
             if let Some(soft) = reading.under(&over) {
-                self.score(StageName::BelowAnother, filtered, soft, seen, climb)?;
+                score(StageName::BelowAnother, filtered, soft, seen, climb)?;
             }
         }
         Ok(())
@@ -159,27 +159,27 @@ impl<'a> Recipients<'a> {
         let filter = self.visit.homes.filter(host, record, codeword.lattice_class())?;
         Ok(Filtered { record, codeword, filter })
     }
+}
 
-    fn score(
-        &self,
-        stage: StageName,
-        of: &Filtered<'_>,
-        soft: SoftBits,
-        seen: &mut Seen<'_>,
-        climb: &mut Climb,
-    ) -> Result<(), ServiceError> {
-        let score = soft.score(&of.codeword);
-        let candidate = Candidate {
-            id: of.record.id.as_u128(),
-            log10_bound: soft.log10_bound(score.t),
-            score,
-            hypothesis: Hypothesis { frame: seen.frame, soft: Arc::new(soft) },
-        };
-        climb.tried(stage, 1);
-        let counted = (seen.counted)(stage, candidate.id)?;
-        climb.add(stage, seen.name, candidate, counted);
-        Ok(())
-    }
+/// Scores a record and adds it to the ladder.
+fn score(
+    stage: StageName,
+    of: &Filtered<'_>,
+    soft: SoftBits,
+    seen: &mut Seen<'_>,
+    climb: &mut Climb,
+) -> Result<(), ServiceError> {
+    let score = soft.score(&of.codeword);
+    let candidate = Candidate {
+        id: of.record.id.as_u128(),
+        log10_bound: soft.log10_bound(score.t),
+        score,
+        hypothesis: Hypothesis { frame: seen.frame, soft: Arc::new(soft) },
+    };
+    climb.tried(stage, 1);
+    let counted = (seen.counted)(stage, candidate.id)?;
+    climb.add(stage, seen.name, candidate, counted);
+    Ok(())
 }
 
 /// The lattice class, other than a record's own, whose bins are farthest from neutral: that of a

@@ -95,7 +95,7 @@ impl<'a> Comparison<'a> {
     /// whatever class).
     #[must_use]
     pub fn beside(&self, others: &[&[DVec3]]) -> SoftBits {
-        let others: Vec<Vec<DVec3>> = others.iter().map(|at| self.from_middle(at)).collect();
+        let others: Vec<Vec<DVec3>> = others.iter().map(|at| self.off_middle(at)).collect();
         let dot = |a: &[DVec3], b: &[DVec3]| -> f64 {
             let products = a.iter().zip(b).zip(&self.seen);
             products.map(|((a, b), weight)| weight * a.dot(*b)).sum()
@@ -146,14 +146,13 @@ impl<'a> Comparison<'a> {
             among[k][m] += middles.dot(over.difference[j]);
             seen[k] += theirs.dot(*rest);
         }
-        for k in 0..m {
-            among[m][k] = among[k][m];
-        }
+        let last: Vec<f64> = among.iter().map(|row| row[m]).collect();
+        among[m] = last;
         Some(SoftBits::weighted(self.normal.solve_beside(&self.along, &cross, &among, &seen)))
     }
 
     /// `q_b`, smoothed alike.
-    fn from_middle(&self, at: &[DVec3]) -> Vec<DVec3> {
+    fn off_middle(&self, at: &[DVec3]) -> Vec<DVec3> {
         let off = at.iter().zip(&self.filter.middle).map(|(at, middle)| *at - *middle).collect();
         self.filter.smoothing().smoothed(off, self.rounds)
     }
