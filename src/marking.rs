@@ -309,7 +309,14 @@ pub fn inspect(
     params: &EmbedParams,
     limits: &Limits,
 ) -> Result<Inspection, MarkError> {
-    let asset = Asset::read(bytes, limits)?;
+    inspect_asset(&Asset::read(bytes, limits)?, params)
+}
+
+/// Looks at what was read from a file.
+///
+/// # Errors
+/// [`WatermarkError::NoRadialExtent`].
+pub fn inspect_asset(asset: &Asset, params: &EmbedParams) -> Result<Inspection, MarkError> {
     let surface = Surface::new(asset.mesh());
     let centre = surface.centre();
     let norms = crate::watermark::bins::norms(&surface.positions, centre);

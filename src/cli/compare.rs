@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use quadmark::formats::Asset;
+use quadmark::lab::perceived::msdm2;
 use quadmark::mesh::distortion::{SAMPLES_PER_KIND, distortion};
 use quadmark::mesh::surface::Surface;
 use serde_json::json;
@@ -19,6 +20,9 @@ pub(super) struct Arguments {
     /// Samples on edges, and in triangles, beside all vertices. 0 measures at the vertices alone.
     #[arg(long, default_value_t = SAMPLES_PER_KIND)]
     samples: usize,
+    /// Measure too how visible the difference is (MSDM2), from 0 for not at all towards 1.
+    #[arg(long)]
+    perceived: bool,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -32,6 +36,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let no_surface = || Failure("one of the files has no triangle with an area".into());
     let measured = distortion(&first, &second, arguments.samples).ok_or_else(no_surface)?;
     let relative = |length: f64| length / measured.diagonal;
+    let perceived = if arguments.perceived { msdm2(&first, &second) } else { None };
     if arguments.json {
         files::print_json(&json!({
             "mrms": measured.mrms,
@@ -39,6 +44,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
             "diagonal": measured.diagonal,
             "mrms_relative": relative(measured.mrms),
             "hausdorff_relative": relative(measured.hausdorff),
+            "perceived": perceived,
         }))?;
     } else {
         println!(
@@ -48,6 +54,9 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
             measured.hausdorff,
             100.0 * relative(measured.hausdorff)
         );
+        if let Some(perceived) = perceived {
+            println!("perceived {perceived:.4} (MSDM2)");
+        }
     }
     Ok(ExitCode::SUCCESS)
 }

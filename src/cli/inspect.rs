@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use quadmark::marking::inspect;
+use quadmark::formats::Asset;
+use quadmark::lab::expected::{Expected, expected};
+use quadmark::marking::{Inspection, inspect_asset};
 use quadmark::watermark::{BitCount, EmbedParams, Method, Strength};
 
 use super::{Outcome, files, limits};
@@ -29,9 +31,11 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     let Arguments { method, strength, bits, .. } = *arguments;
     let params = EmbedParams { method, strength, bits, ..EmbedParams::default() };
-    let seen = inspect(&files::read(&arguments.input)?, &params, &limits())?;
+    let asset = Asset::read(&files::read(&arguments.input)?, &limits())?;
+    let seen = inspect_asset(&asset, &params)?;
+    let expected = expected(asset.mesh(), &seen, &params, &|| false);
     if arguments.json {
-        files::print_json(&seen)?;
+        files::print_json(&Seen { inspection: &seen, expected: &expected })?;
         return Ok(ExitCode::SUCCESS);
     }
     println!(
@@ -49,5 +53,16 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         seen.best_log10_fp,
         seen.expected_margin
     );
+    for Expected { attack, log10_fp, error, .. } in expected {
+        println!("after {attack}: log10 of the bound about {log10_fp:.1}, give or take {error:.1}");
+    }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What is printed as JSON.
+#[derive(serde::Serialize)]
+struct Seen<'a> {
+    #[serde(flatten)]
+    inspection: &'a Inspection,
+    expected: &'a [Expected],
 }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use quadmark::lab::grid::{Choices, Grid};
 use quadmark::lab::report::{Report, galleries};
-use quadmark::lab::row::to_csv;
+use quadmark::lab::row::{Row, from_csv, merged, to_csv};
 use quadmark::lab::run::{Plan, Progress, Subject, Watch};
 use quadmark::lab::summary::groups;
 use quadmark::watermark::{BitCount, Method, Strength};
@@ -39,6 +39,16 @@ pub(super) struct Arguments {
     /// Numbers of bits, separated by commas, instead of the grid's.
     #[arg(long, value_delimiter = ',', value_parser = super::parse_bits)]
     bits: Vec<BitCount>,
+    /// Experiments of the grid, by a part of their names, instead of all.
+    #[arg(long)]
+    experiments: Vec<String>,
+    /// Families of attacks, separated by commas, instead of all (`none` is the mark itself).
+    #[arg(long, value_delimiter = ',')]
+    attacks: Vec<String>,
+    /// results.csv of an earlier run with this seed, reported together with this run's; may be
+    /// repeated. Trials that stand there are not made again: a run that was ended goes on.
+    #[arg(long)]
+    rows: Vec<PathBuf>,
     /// Marks per mesh and setting, each with a random key and message; the grid's own number (paper
     /// 50, liris 5, quick 10) when not given.
     #[arg(long)]
@@ -60,12 +70,22 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         strengths: arguments.strengths.clone(),
         bits: arguments.bits.clone(),
     };
-    let experiments = arguments.grid.experiments(&choices);
+    let mut experiments = arguments.grid.experiments(&choices);
+    let wanted = &arguments.experiments;
+    experiments.retain(|e| wanted.is_empty() || wanted.iter().any(|part| e.name.contains(part)));
+    let mut rows: Vec<Row> = Vec::new();
+    for path in &arguments.rows {
+        let found = from_csv(&files::read(path)?)
+            .map_err(|error| Failure(format!("{}: {error}", path.display())))?;
+        rows.extend(found);
+    }
     let plan = Plan {
         subjects: &subjects,
         experiments: &experiments,
         trials: arguments.trials.unwrap_or_else(|| arguments.grid.trials()),
         seed: arguments.seed,
+        families: &arguments.attacks,
+        known: &rows,
     };
     let stopped = stop_on_ctrl_c()?;
     let meter = Meter::new();
@@ -73,33 +93,37 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         stop: &|| stopped.load(Ordering::Relaxed),
         progress: &|progress| meter.show(progress),
     };
-    let rows = plan.run(watch);
+    let new = plan.run(watch);
+    let rows = merged([rows.as_slice(), &new].concat());
     meter.end();
 
-    eprintln!("drawing");
     let groups = groups(&rows, arguments.threshold_log10);
-    let galleries = galleries(&plan, watch.stop);
-    let report = Report {
-        grid: arguments.grid,
-        trials: plan.trials,
-        seed: plan.seed,
-        threshold: arguments.threshold_log10,
-        complete: !stopped.load(Ordering::Relaxed),
-        groups: &groups,
-        galleries: &galleries,
-    };
+    let complete = || !stopped.load(Ordering::Relaxed);
     let summary = json!({
         "quadmark": env!("CARGO_PKG_VERSION"),
         "grid": arguments.grid.name(),
         "trials": plan.trials,
         "seed": arguments.seed,
         "threshold_log10": arguments.threshold_log10,
-        "complete": report.complete,
+        "complete": complete(),
         "groups": groups,
     });
     let out = |name: &str| arguments.out.join(name);
+    // Before anything is drawn, which takes long for large meshes.
     files::write(&out("results.csv"), &to_csv(&rows)?)?;
     files::write(&out("summary.json"), &serde_json::to_vec_pretty(&summary)?)?;
+    eprintln!("drawing");
+    let complete = complete();
+    let galleries = galleries(&plan, watch.stop);
+    let report = Report {
+        grid: arguments.grid,
+        trials: groups.iter().map(|g| g.trials + g.failed).max().unwrap_or_default(),
+        seed: plan.seed,
+        threshold: arguments.threshold_log10,
+        complete,
+        groups: &groups,
+        galleries: &galleries,
+    };
     files::write(&out("report.html"), report.html().as_bytes())?;
     files::write(&out("tables.md"), report.markdown().as_bytes())?;
     for figure in report.figures() {

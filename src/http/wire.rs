@@ -315,7 +315,8 @@ pub(super) struct InspectionBody {
     expected: Vec<ExpectedBody>,
 }
 
-/// What is expected of a mark after an attack, by a model fitted to measurements.
+/// What is expected of a mark after an attack: a mark rehearsed in memory, and a model fitted to
+/// measurements.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Expected)]
 pub(super) struct ExpectedBody {
@@ -329,7 +330,8 @@ pub(super) struct ExpectedBody {
 
 impl From<Inspected> for InspectionBody {
     fn from(Inspected { sha256, bytes, inspection, expected }: Inspected) -> Self {
-        let body = |Expected { attack, log10_fp, error }| ExpectedBody { attack, log10_fp, error };
+        let body =
+            |Expected { attack, log10_fp, error, .. }| ExpectedBody { attack, log10_fp, error };
         Self {
             sha256: hex::encode(sha256),
             bytes,

@@ -1,12 +1,14 @@
 //! One row of `results.csv`: one attack on one marked copy.
 
-use serde::Serialize;
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
 
 /// A row; the same seed gives the same, so that no time of day or duration is in it. Distances are shares of the host's bounding-box diagonal; what was not measured is empty.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// What it is for, see [`Experiment`](super::grid::Experiment).
-    pub experiment: &'static str,
+    pub experiment: String,
     /// The host's name.
     pub mesh: String,
     /// Vertices of the host.
@@ -16,7 +18,7 @@ pub struct Row {
     /// Bounding-box diagonal of the host, in its unit.
     pub diagonal: f64,
     /// The method asked for.
-    pub method: &'static str,
+    pub method: String,
     /// The strength asked for; with a budget, the most allowed.
     pub strength: f64,
     /// Bits of the mark.
@@ -28,7 +30,7 @@ pub struct Row {
     /// Number of the trial.
     pub trial: usize,
     /// The method that chose the positions.
-    pub method_used: Option<&'static str>,
+    pub method_used: Option<String>,
     /// The strength that was used.
     pub strength_used: Option<f64>,
     /// MRMS of the mark.
@@ -44,7 +46,7 @@ pub struct Row {
     /// The attack.
     pub attack: String,
     /// Its family.
-    pub family: &'static str,
+    pub family: String,
     /// Its amount: percent or a count.
     pub amount: Option<f64>,
     /// Bits read right, blindly.
@@ -77,4 +79,30 @@ pub fn to_csv(rows: &[Row]) -> Result<Vec<u8>, csv::Error> {
         writer.serialize(row)?;
     }
     writer.into_inner().map_err(|error| csv::Error::from(error.into_error()))
+}
+
+/// The rows of an earlier run.
+///
+/// # Errors
+/// When it is no CSV, or has other columns.
+pub fn from_csv(csv: &[u8]) -> Result<Vec<Row>, csv::Error> {
+    csv::Reader::from_reader(csv).deserialize().collect()
+}
+
+/// Rows of several runs of one seed, each result once.
+#[must_use]
+pub fn merged(mut rows: Vec<Row>) -> Vec<Row> {
+    let mut seen = BTreeSet::new();
+    rows.retain(|row| seen.insert(format!("{} {} {}", row.mark(), row.attack, row.trial)));
+    rows
+}
+
+impl Row {
+    /// What the mark is called that it is of: host and setting.
+    #[must_use]
+    pub fn mark(&self) -> String {
+        let Self { experiment, mesh, method, strength, bits, closed_loop, .. } = self;
+        let budget = self.budget.unwrap_or_default();
+        format!("{experiment}|{mesh}|{method}|{strength}|{bits}|{closed_loop}|{budget}")
+    }
 }

@@ -1,9 +1,11 @@
 //! All trials of a grid, on all cores.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
 
 use rayon::prelude::*;
 
+use super::attacks::Attack;
 use super::grid::Experiment;
 use super::row::Row;
 use super::trial::Trial;
@@ -45,6 +47,11 @@ pub struct Plan<'a> {
     pub trials: usize,
     /// Seed of keys, messages and attacks.
     pub seed: u64,
+    /// Families of attacks that are made; empty for all. A result does not depend on what else is
+    /// run.
+    pub families: &'a [String],
+    /// Rows of earlier runs: trials that stand there with all their attacks are not made again.
+    pub known: &'a [Row],
 }
 
 /// How far a run is.
@@ -92,6 +99,7 @@ impl Plan<'_> {
                         number,
                         setting,
                         attacks,
+                        families: self.families,
                         trial,
                         seed: self.seed,
                         damage: trial == 0 && k == 0,
@@ -102,15 +110,33 @@ impl Plan<'_> {
         all
     }
 
-    /// Runs all trials and gives the rows of those that were done, in the order of
+    /// Those of [`Plan::all`] that are not known yet.
+    fn open(&self) -> Vec<Trial<'_>> {
+        let mut known: BTreeMap<(String, usize), BTreeSet<&str>> = BTreeMap::new();
+        for row in self.known {
+            known.entry((row.mark(), row.trial)).or_default().insert(&row.attack);
+        }
+        let mut all = self.all();
+        all.retain(|trial| {
+            let Some(first) = trial.attacks.first() else { return false };
+            let seen = known.get(&(trial.blank(*first).mark(), trial.trial));
+            let is_known = |attack: Attack| {
+                seen.is_some_and(|seen| seen.contains(attack.to_string().as_str()))
+            };
+            !trial.met().all(|(_, attack)| is_known(attack))
+        });
+        all
+    }
+
+    /// Runs all trials that are not known and gives the rows of those that were done, in the order of
     /// [`Plan::all`] whatever the number of threads.
     #[must_use]
     pub fn run(&self, watch: Watch<'_>) -> Vec<Row> {
-        let all = self.all();
+        let all = self.open();
         let cost = |trial: &Trial<'_>| {
             let vertices = trial.subject.asset.mesh().positions().len() as f64;
             let attack = if trial.damage { 1.0 + COST_OF_DAMAGE } else { 1.0 };
-            vertices * (COST_OF_MARK + attack * trial.attacks.len() as f64)
+            vertices * (COST_OF_MARK + attack * trial.met().count() as f64)
         };
         let total: f64 = all.iter().map(cost).sum();
         let passed = Mutex::new((0, 0.0));

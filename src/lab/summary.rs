@@ -10,11 +10,11 @@ use super::row::Row;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Group {
     /// What it is for.
-    pub experiment: &'static str,
+    pub experiment: String,
     /// The host's name.
     pub mesh: String,
     /// The method asked for.
-    pub method: &'static str,
+    pub method: String,
     /// The strength asked for.
     pub strength: f64,
     /// Bits of the mark.
@@ -26,7 +26,7 @@ pub struct Group {
     /// The attack.
     pub attack: String,
     /// Its family.
-    pub family: &'static str,
+    pub family: String,
     /// Its amount.
     pub amount: Option<f64>,
     /// Trials with a result.
@@ -79,17 +79,7 @@ pub fn groups(rows: &[Row], threshold: f64) -> Vec<Group> {
     let mut places: BTreeMap<String, usize> = BTreeMap::new();
     let mut together: Vec<Vec<&Row>> = Vec::new();
     for row in rows {
-        let budget = row.budget.unwrap_or_default();
-        let key = format!(
-            "{}|{}|{}|{}|{}|{}|{budget}|{}",
-            row.experiment,
-            row.mesh,
-            row.method,
-            row.strength,
-            row.bits,
-            row.closed_loop,
-            row.attack
-        );
+        let key = format!("{}|{}", row.mark(), row.attack);
         let place = *places.entry(key).or_insert(together.len());
         if place == together.len() {
             together.push(Vec::new());
@@ -118,15 +108,15 @@ fn group(rows: &[&Row], threshold: f64) -> Option<Group> {
     // Blind and in place: each bound is multiplied by two.
     let stricter = threshold - std::f64::consts::LOG10_2;
     Some(Group {
-        experiment: first.experiment,
+        experiment: first.experiment.clone(),
         mesh: first.mesh.clone(),
-        method: first.method,
+        method: first.method.clone(),
         strength: first.strength,
         bits: first.bits,
         closed_loop: first.closed_loop,
         budget: first.budget,
         attack: first.attack.clone(),
-        family: first.family,
+        family: first.family.clone(),
         amount: first.amount,
         trials: made.len(),
         failed: rows.len() - made.len(),
@@ -147,7 +137,7 @@ fn group(rows: &[&Row], threshold: f64) -> Option<Group> {
         }),
         diagonal: first.diagonal,
         strength_used: mean(&|row| row.strength_used),
-        fell_back: made.iter().filter(|row| row.method_used != Some(row.method)).count(),
+        fell_back: made.iter().filter(|row| row.method_used.as_ref() != Some(&row.method)).count(),
         mark_mrms: mean(&|row| row.mark_mrms),
         mark_hausdorff: mean(&|row| row.mark_hausdorff),
         mark_normal_deviation: mean(&|row| row.mark_normal_deviation),

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::attacks::Attack;
 use super::grid::{Choices, Experiment, Grid, Setting};
 use super::report::{Report, galleries};
-use super::row::{Row, to_csv};
+use super::row::{Row, from_csv, merged, to_csv};
 use super::run::{Plan, Progress, Subject, Watch};
 use super::summary::{Group, groups};
 use crate::formats::Limits;
@@ -51,7 +51,14 @@ fn find<'a>(groups: &'a [Group], attack: &Attack) -> &'a Group {
 fn the_same_seed_gives_the_same_rows_on_any_number_of_threads() {
     let subjects = [subject(Sample::Blob, 5000), subject(Sample::Knot, 4000)];
     let experiments = [experiment(&[Method::QspMean, Method::ChoVar], &ATTACKS)];
-    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 2, seed: 7 };
+    let plan = Plan {
+        subjects: &subjects,
+        experiments: &experiments,
+        trials: 2,
+        seed: 7,
+        families: &[],
+        known: &[],
+    };
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         to_csv(&pool.install(|| rows_of(&plan))).unwrap()
@@ -65,10 +72,41 @@ fn the_same_seed_gives_the_same_rows_on_any_number_of_threads() {
 }
 
 #[test]
+fn a_run_in_parts_gives_the_rows_of_the_whole() {
+    let subjects = [subject(Sample::Blob, 5000)];
+    let experiments = [experiment(&[Method::QspMean, Method::ChoVar], &ATTACKS)];
+    let whole = Plan {
+        subjects: &subjects,
+        experiments: &experiments,
+        trials: 2,
+        seed: 7,
+        families: &[],
+        known: &[],
+    };
+    let rows = rows_of(&whole);
+    let midpoint = rows_of(&Plan { families: &["midpoint".to_owned()], ..whole });
+    let expected: Vec<&Row> = rows.iter().filter(|row| row.family == "midpoint").collect();
+    assert!(expected.len() == 4 && midpoint.iter().eq(expected.iter().copied()));
+    // What an earlier run left, read back, is not made again; what it left out is.
+    let half = from_csv(&to_csv(&rows[..rows.len() / 2 + 1]).unwrap()).unwrap();
+    assert!(half == rows[..half.len()]);
+    let rest = rows_of(&Plan { known: &half, ..whole });
+    assert_eq!(rest.len(), rows.len() / 2);
+    assert!(merged([half, rest].concat()) == rows);
+}
+
+#[test]
 fn marks_fade_with_noise_and_the_summary_says_so() {
     let subjects = [subject(Sample::Blob, 5000)];
     let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
-    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 3, seed: 1 };
+    let plan = Plan {
+        subjects: &subjects,
+        experiments: &experiments,
+        trials: 3,
+        seed: 1,
+        families: &[],
+        known: &[],
+    };
     let all = groups(&rows_of(&plan), -4.0);
     assert_eq!(all.len(), ATTACKS.len());
     let [none, weak, _, strong, midpoint] = ATTACKS.each_ref().map(|a| find(&all, a));
@@ -86,7 +124,14 @@ fn marks_fade_with_noise_and_the_summary_says_so() {
 fn a_mesh_that_carries_nothing_is_told_of_and_does_not_end_the_run() {
     let subjects = [subject(Sample::Gear, 450)];
     let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
-    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 1, seed: 1 };
+    let plan = Plan {
+        subjects: &subjects,
+        experiments: &experiments,
+        trials: 1,
+        seed: 1,
+        families: &[],
+        known: &[],
+    };
     let rows = rows_of(&plan);
     assert_eq!(rows.len(), ATTACKS.len());
     assert!(rows.iter().all(|row| row.error.is_some() && row.bits_right.is_none()));
@@ -97,7 +142,14 @@ fn a_mesh_that_carries_nothing_is_told_of_and_does_not_end_the_run() {
 fn a_stopped_run_keeps_what_is_done() {
     let subjects = [subject(Sample::Blob, 4000)];
     let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
-    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 12, seed: 1 };
+    let plan = Plan {
+        subjects: &subjects,
+        experiments: &experiments,
+        trials: 12,
+        seed: 1,
+        families: &[],
+        known: &[],
+    };
     let done = AtomicUsize::new(0);
     let count = |progress: Progress| {
         assert!(progress.share > 0.0 && progress.share <= 1.0 && progress.trials == 12);
@@ -113,7 +165,14 @@ fn a_stopped_run_keeps_what_is_done() {
 fn a_budget_is_kept() {
     let subjects = [subject(Sample::Blob, 5000)];
     let free = [experiment(&[Method::QspMean], &[Attack::None])];
-    let plan = Plan { subjects: &subjects, experiments: &free, trials: 1, seed: 3 };
+    let plan = Plan {
+        subjects: &subjects,
+        experiments: &free,
+        trials: 1,
+        seed: 3,
+        families: &[],
+        known: &[],
+    };
     let budget = 0.6 * rows_of(&plan)[0].mark_mrms.unwrap();
     let bounded = Setting { budget: Some(budget), ..free[0].settings[0] };
     let experiments = [Experiment { settings: vec![bounded], ..free[0].clone() }];
@@ -137,7 +196,14 @@ fn the_report_stands_alone_and_shows_each_mesh() {
         // Noise and nothing that takes long.
         experiment.attacks.retain(|a| matches!(a, Attack::None | Attack::Noise(_) | Attack::Loop));
     }
-    let plan = Plan { subjects: &subjects, experiments: &experiments, trials: 1, seed: 1 };
+    let plan = Plan {
+        subjects: &subjects,
+        experiments: &experiments,
+        trials: 1,
+        seed: 1,
+        families: &[],
+        known: &[],
+    };
     let groups = groups(&rows_of(&plan), -4.0);
     let galleries = galleries(&plan, &|| false);
     let report = Report {

@@ -26,6 +26,9 @@ pub struct Trial<'a> {
     pub setting: Setting,
     /// What it meets.
     pub attacks: &'a [Attack],
+    /// Of these, only attacks of these families; empty for all. The others keep their places, on
+    /// which seeds depend.
+    pub families: &'a [String],
     /// Number of this trial.
     pub trial: usize,
     /// Seed of the whole run.
@@ -58,14 +61,13 @@ impl Trial<'_> {
             Ok(marked) => marked,
             Err(error) => {
                 // The mark was refused, whatever the attack.
-                let refused =
-                    |&attack| Row { error: Some(error.to_string()), ..self.blank(attack) };
-                return Some(self.attacks.iter().map(refused).collect());
+                let refused = |attack| Row { error: Some(error.to_string()), ..self.blank(attack) };
+                return Some(self.met().map(|(_, attack)| refused(attack)).collect());
             }
         };
         let perceived = self.perceived(&marked.mesh);
         let mut rows = Vec::with_capacity(self.attacks.len());
-        for (place, &attack) in (0..).zip(self.attacks) {
+        for (place, attack) in self.met() {
             if stop() {
                 return None;
             }
@@ -73,6 +75,17 @@ impl Trial<'_> {
             rows.push(Row { mark_perceived: perceived, ..row });
         }
         Some(rows)
+    }
+
+    /// The attacks that are made, with their places in the list.
+    pub fn met(&self) -> impl Iterator<Item = (u64, Attack)> + '_ {
+        let wanted = |attack: &Attack| {
+            self.families.is_empty() || self.families.iter().any(|f| f == attack.family())
+        };
+        (0..)
+            .zip(self.attacks)
+            .map(|(place, &attack)| (place, attack))
+            .filter(move |(_, a)| wanted(a))
     }
 
     /// Key and message depend on seed, host and trial alone: settings are compared on equal terms.
@@ -159,7 +172,7 @@ impl Trial<'_> {
     fn described(&self, marked: &MarkedMesh, attack: Attack) -> Row {
         let report = &marked.report;
         Row {
-            method_used: Some(report.method_used.name()),
+            method_used: Some(report.method_used.name().to_owned()),
             strength_used: Some(report.strength.get()),
             mark_mrms: Some(report.quality.mrms),
             mark_hausdorff: Some(report.quality.hausdorff),
@@ -169,22 +182,23 @@ impl Trial<'_> {
         }
     }
 
-    fn blank(&self, attack: Attack) -> Row {
+    /// A row without results.
+    pub fn blank(&self, attack: Attack) -> Row {
         let mesh = self.subject.asset.mesh();
         Row {
-            experiment: self.experiment,
+            experiment: self.experiment.to_owned(),
             mesh: self.subject.name.clone(),
             vertices: mesh.positions().len(),
             triangles: mesh.triangles().len(),
             diagonal: self.subject.surface.diagonal(),
-            method: self.setting.method.name(),
+            method: self.setting.method.name().to_owned(),
             strength: self.setting.strength.get(),
             bits: self.setting.bits.get(),
             closed_loop: self.setting.closed_loop,
             budget: self.setting.budget,
             trial: self.trial,
             attack: attack.to_string(),
-            family: attack.family(),
+            family: attack.family().to_owned(),
             amount: attack.amount(),
             method_used: None,
             strength_used: None,

@@ -1,8 +1,9 @@
 //! Inspect: what a file is and how well it can carry a mark. Registers nothing.
 
 use super::{Service, ServiceError, Spooled};
+use crate::formats::Asset;
 use crate::lab::expected::{Expected, expected};
-use crate::marking::{Inspection, inspect};
+use crate::marking::{Inspection, MarkError, inspect_asset};
 use crate::watermark::EmbedParams;
 
 /// What was found.
@@ -30,9 +31,15 @@ impl Service {
     ) -> Result<Inspected, ServiceError> {
         let limits = self.config.limits;
         let (sha256, bytes) = (file.sha256, file.bytes);
-        let inspection =
-            self.run(bytes, move |_| Ok(inspect(&file.read()?, &params, &limits)?)).await?;
-        let expected = expected(&inspection, &params);
+        let (inspection, expected) = self
+            .run(bytes, move |stop| {
+                let asset = Asset::read(&file.read()?, &limits).map_err(MarkError::from)?;
+                let inspection = inspect_asset(&asset, &params)?;
+                let stop = || stop.now();
+                let expected = expected(asset.mesh(), &inspection, &params, &stop);
+                Ok((inspection, expected))
+            })
+            .await?;
         Ok(Inspected { sha256, bytes, inspection, expected })
     }
 }

@@ -42,6 +42,12 @@ pub struct Experiment {
     pub first_mesh_only: bool,
 }
 
+/// The attacks of the quick grid.
+#[must_use]
+pub fn quick_attacks() -> &'static [Attack] {
+    &quick::ATTACKS
+}
+
 /// What a caller wants otherwise than the grid has it. Empty lists leave it to the grid.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Choices {

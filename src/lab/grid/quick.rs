@@ -6,7 +6,7 @@ use crate::lab::attacks::crop::Of;
 use crate::watermark::{BitCount, Method, Strength};
 
 /// At least one of each family, mostly where marks begin to fail.
-const ATTACKS: [Attack; 20] = [
+pub const ATTACKS: [Attack; 20] = [
     Attack::None,
     Attack::Similarity,
     Attack::Reorder,

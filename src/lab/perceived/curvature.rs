@@ -161,6 +161,10 @@ pub fn walk(
     while let Some(&from) = inside.list.get(next) {
         let start = at(from);
         for &spoke in shape.spokes(from as usize) {
+            // Edges at the centre were visited from there.
+            if next > 0 && spoke.to as usize == vertex {
+                continue;
+            }
             let edge = at(spoke.to) - start;
             let share = share_inside(start - centre, edge, radius);
             // Outward; or past the centre, and then once.

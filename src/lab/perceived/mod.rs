@@ -7,8 +7,12 @@
 //! parameters are those of the author's implementation (MEPP2): three scales, curvature from balls
 //! of 0.2, 0.3 and 0.4 % of the longest side, windows five times as wide, powers pooled by 3.
 //!
-//! Checked against what is known in closed form (curvature of spheres and cylinders) and against the
-//! published behaviour (masking, order of strengths); not against values of the other program.
+//! Checked against closed forms (curvature of spheres and cylinders), against the published behaviour
+//! (masking, order of strengths), and by `benches/metro/msdm2.py` against an independent, literal
+//! implementation of the published algorithm: on three scans with noise and smoothing the two agree
+//! within 0.002 (0.5 %). The published program sums only those edges of a ball that lead away from
+//! its centre, where the definition has all; done so, values come out up to 0.011 higher. Values that
+//! the program itself printed were not to be had.
 
 mod curvature;
 mod window;

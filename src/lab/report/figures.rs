@@ -20,7 +20,7 @@ pub struct Figure {
 #[must_use]
 pub fn figures(grid: Grid, groups: &[Group]) -> Vec<Figure> {
     let mut all = Vec::new();
-    for experiment in distinct(groups.iter().map(|g| g.experiment)) {
+    for experiment in distinct(groups.iter().map(|g| g.experiment.as_str())) {
         let own: Vec<&Group> = groups.iter().filter(|g| g.experiment == experiment).collect();
         for mesh in distinct(own.iter().map(|g| g.mesh.as_str())) {
             let own: Vec<&Group> = own.iter().copied().filter(|g| g.mesh == mesh).collect();
@@ -28,7 +28,7 @@ pub fn figures(grid: Grid, groups: &[Group]) -> Vec<Figure> {
             // Where sizes differ, one figure per method; where they do not, one for all.
             let by_method = distinct(own.iter().map(|g| g.bits)).len() > 1;
             let parts: Vec<Vec<&Group>> = if by_method {
-                let methods = distinct(own.iter().map(|g| g.method)).into_iter();
+                let methods = distinct(own.iter().map(|g| g.method.as_str())).into_iter();
                 methods.map(|m| own.iter().copied().filter(|g| g.method == m).collect()).collect()
             } else {
                 vec![own]
@@ -74,7 +74,7 @@ fn amount(family: &str) -> (&'static str, bool) {
 
 fn robustness(grid: Grid, mesh: &str, groups: &[&Group], by_method: bool) -> Vec<Figure> {
     let mut all = Vec::new();
-    for family in distinct(groups.iter().map(|g| g.family)) {
+    for family in distinct(groups.iter().map(|g| g.family.as_str())) {
         let own: Vec<&Group> =
             groups.iter().copied().filter(|g| g.family == family && g.trials > 0).collect();
         let mut amounts = distinct(own.iter().filter_map(|g| g.amount));
@@ -87,10 +87,10 @@ fn robustness(grid: Grid, mesh: &str, groups: &[&Group], by_method: bool) -> Vec
         if falling {
             x.range = (x.range.1, x.range.0);
         }
-        let experiment = own.first().map_or("", |g| g.experiment);
+        let experiment = own.first().map_or("", |g| g.experiment.as_str());
         let of =
             number(grid, family, experiment).map_or_else(String::new, |n| format!("Figure {n}, "));
-        let method = own.first().filter(|_| by_method).map_or("", |g| g.method);
+        let method = own.first().filter(|_| by_method).map_or("", |g| g.method.as_str());
         let base = match number(grid, family, experiment) {
             Some(n) => format!("figure-{n}-{mesh}-{method}"),
             None => format!("{experiment}-{family}-{mesh}-{method}"),
@@ -125,7 +125,7 @@ fn robustness(grid: Grid, mesh: &str, groups: &[&Group], by_method: bool) -> Vec
 fn sweeps(grid: Grid, mesh: &str, groups: &[&Group]) -> Vec<Figure> {
     let own: Vec<&Group> =
         groups.iter().copied().filter(|g| g.family == "none" && g.trials > 0).collect();
-    let experiment = own.first().map_or("", |g| g.experiment);
+    let experiment = own.first().map_or("", |g| g.experiment.as_str());
     let mut all = Vec::new();
     for name in ["strength", "bits"] {
         let variable = |g: &Group| if name == "bits" { g.bits as f64 } else { g.strength };
@@ -138,7 +138,7 @@ fn sweeps(grid: Grid, mesh: &str, groups: &[&Group]) -> Vec<Figure> {
         let highest = own.iter().map(|g| mrms(g)).fold(0.0, f64::max);
         let of =
             number(grid, "none", experiment).map_or_else(String::new, |n| format!("Figure {n}, "));
-        let by_method = distinct(own.iter().map(|g| g.method));
+        let by_method = distinct(own.iter().map(|g| g.method.as_str()));
         let curve = |(k, &method): (usize, &&str)| {
             let mut points: Vec<(f64, f64)> =
                 own.iter().filter(|g| g.method == method).map(|g| (variable(g), mrms(g))).collect();
@@ -161,12 +161,12 @@ fn sweeps(grid: Grid, mesh: &str, groups: &[&Group]) -> Vec<Figure> {
 /// One curve per mark.
 fn series(groups: &[&Group], point: impl Fn(&Group) -> Option<(f64, f64)>) -> Vec<Series> {
     let marks = distinct(groups.iter().map(|g| label(g, groups)));
-    let methods = distinct(groups.iter().map(|g| g.method)).len();
+    let methods = distinct(groups.iter().map(|g| g.method.as_str())).len();
     let curve = |(k, name): (usize, &String)| {
         let own = || groups.iter().filter(|g| label(g, groups) == *name);
         let mut points: Vec<(f64, f64)> = own().filter_map(|g| point(g)).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let method = own().next().map_or("", |g| g.method);
+        let method = own().next().map_or("", |g| g.method.as_str());
         let colour = if methods == marks.len() { colour(method, k) } else { k };
         Series { name: name.clone(), colour, dashed: method.ends_with("var"), points }
     };

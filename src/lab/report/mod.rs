@@ -71,7 +71,7 @@ impl Report<'_> {
         let mut page = format!(
             "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n\
              <title>quadmark lab: {0}</title>\n<style>{STYLE}</style></head>\n<body>\n\
-             <h1>quadmark lab, grid {0}</h1>\n<p>{1} trials per mark, seed {2}; a match is a \
+             <h1>quadmark lab, grid {0}</h1>\n<p>Up to {1} trials per mark, seed {2}; a match is a \
              false-positive bound below 10<sup>{3}</sup> for one record. Version {4}.{5}</p>\n",
             self.grid.name(),
             self.trials,

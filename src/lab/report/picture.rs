@@ -83,7 +83,7 @@ fn gallery(
         if k > 0 {
             continue;
         }
-        for (place, &attack) in (0..).zip(trial.attacks) {
+        for (place, attack) in trial.met() {
             if strongest(trial.attacks, attack)
                 && let Ok(mesh) = trial.attack(&marked, attack, place)
             {
@@ -110,6 +110,7 @@ fn shown_trials<'a>(plan: &Plan<'a>, number: usize, subject: &'a Subject) -> Vec
                 number,
                 setting,
                 attacks: &experiment.attacks,
+                families: plan.families,
                 trial: 0,
                 seed: plan.seed,
                 damage: false,

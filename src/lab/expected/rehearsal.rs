@@ -1,0 +1,80 @@
+//! A rehearsal: a mark made in memory and met by the attacks, to see what would be left of a real
+//! one. What decides where marks begin to fail, how far an attack moves the centre by swelling the
+//! area of fine parts, shows here as it will show then.
+
+use rayon::prelude::*;
+
+use crate::lab::attacks::re_mark::{key_and_message, mark};
+use crate::lab::attacks::{Attack, Context};
+use crate::lab::random::Random;
+use crate::mesh::Mesh;
+use crate::watermark::{BitCount, Codeword, EmbedParams, Method, Modulation, SoftBits, Suspect};
+
+/// Seed of the rehearsed mark's key and message, and of the attacks. Any number would do; a fixed
+/// one makes the answer repeat.
+const SEED: u64 = 20_090_626;
+
+/// Whether an attack is rehearsed. Remeshing takes ten times as long as all others together; what
+/// changes no norm is as good as none; and of further marks a rehearsal foretold no more than counts
+/// do.
+fn is_rehearsed(attack: Attack) -> bool {
+    !matches!(
+        attack,
+        Attack::Remesh(_)
+            | Attack::Similarity
+            | Attack::Reorder
+            | Attack::RoundTrip
+            | Attack::Collude(_)
+            | Attack::ReMark
+    )
+}
+
+/// Decimal logarithms of the bounds after each attack; `None` where an attack is not rehearsed or
+/// nothing is left. Empty when the mesh does not carry the mark.
+///
+/// The mark has the modulation, strength and size that are asked about, and the paper's placement,
+/// which is made in a tenth of the time of the `exact` one and fades alike.
+#[must_use]
+pub fn rehearse(
+    host: &Mesh,
+    params: &EmbedParams,
+    attacks: &[Attack],
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Vec<Option<f64>> {
+    let modulation = params.method.modulation();
+    let method = match modulation {
+        Modulation::Mean => Method::QspMean,
+        Modulation::Variance => Method::QspVar,
+    };
+    let params = EmbedParams { method, closed_loop: true, ..*params };
+    let Ok((key, message)) = key_and_message(&params, &mut Random::new(SEED)) else {
+        return Vec::new();
+    };
+    let codeword = Codeword::new(&key, &message);
+    let marked = mark(host, &codeword, &params)
+        .ok()
+        .and_then(|made| Mesh::new(made.positions, host.triangles().to_vec()).ok());
+    let Some(marked) = marked else { return Vec::new() };
+    let context = Context { host, params: &params };
+    let after = |(place, &attack): (u64, &Attack)| {
+        if stop() || !is_rehearsed(attack) {
+            return None;
+        }
+        let attacked = attack.apply(&marked, &context, SEED ^ place).ok()?;
+        bound(&attacked, &codeword, params.bits, modulation)
+    };
+    let numbered: Vec<(u64, &Attack)> = (1..).zip(attacks).collect();
+    numbered.into_par_iter().with_max_len(1).map(after).collect()
+}
+
+/// The blind bound.
+fn bound(
+    suspect: &Mesh,
+    codeword: &Codeword,
+    bits: BitCount,
+    modulation: Modulation,
+) -> Option<f64> {
+    let suspect = Suspect::new(suspect).ok()?;
+    let read: SoftBits = suspect.read(codeword.lattice_class(), bits, modulation);
+    Some(read.log10_bound(read.score(codeword).t))
+}
