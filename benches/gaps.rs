@@ -14,7 +14,7 @@ use quadmark::lab::attacks::re_mark::{key_and_message, mark};
 use quadmark::lab::attacks::{Attack, Context};
 use quadmark::lab::random::Random;
 use quadmark::mesh::Mesh;
-use quadmark::watermark::{Codeword, EmbedParams, Frame, Method, Suspect};
+use quadmark::watermark::{Codeword, EmbedParams, Frame, Method, Strength, Suspect};
 
 fn main() {
     let mut keys = 4;
@@ -33,7 +33,9 @@ fn main() {
         println!("{file}");
         for method in [Method::QspMean, Method::QspVar, Method::ChoMean, Method::ChoVar] {
             for closed_loop in [true, false] {
-                let params = EmbedParams { method, closed_loop, ..EmbedParams::default() };
+                let strength = Strength::new(0.1).expect("the paper's strength");
+                let params =
+                    EmbedParams { method, strength, closed_loop, ..EmbedParams::default() };
                 look(&host, &params, keys);
             }
         }

@@ -167,6 +167,16 @@ mod tests {
         assert!("papers".parse::<Grid>().is_err());
     }
 
+    /// Whatever the service's default is.
+    #[test]
+    fn the_paper_marks_with_its_own_strength() {
+        for experiment in Grid::Paper.experiments(&Choices::default()) {
+            let all = experiment.settings.iter().map(|s| s.strength.get());
+            let own = all.clone().filter(|&strength| (strength - 0.1).abs() < 1e-12).count();
+            assert!(own == all.count() || experiment.name == "figure 10a", "{}", experiment.name);
+        }
+    }
+
     #[test]
     fn choices_replace_what_the_grid_has() {
         let choices = Choices {

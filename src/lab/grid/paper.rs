@@ -7,9 +7,11 @@
 
 use super::{Choices, Experiment, bit_counts, or, settings, strengths};
 use crate::lab::attacks::Attack;
-use crate::watermark::{BitCount, Method, Strength};
+use crate::watermark::{BitCount, Method};
 
 const METHODS: [Method; 4] = [Method::QspMean, Method::QspVar, Method::ChoMean, Method::ChoVar];
+/// The watermark strength factor of section 5, unless stated otherwise. Not this service's default.
+const STRENGTH: f64 = 0.1;
 const STRENGTHS: [f64; 6] = [0.02, 0.05, 0.08, 0.1, 0.15, 0.2];
 const BITS: [u32; 6] = [16, 32, 64, 96, 128, 192];
 const NOISE: [f64; 6] = [0.001, 0.002, 0.004, 0.006, 0.008, 0.01];
@@ -36,7 +38,7 @@ pub fn experiments(choices: &Choices) -> Vec<Experiment> {
     let methods = or(&choices.methods, &METHODS);
     let usual = Choices {
         methods: methods.clone(),
-        strengths: or(&choices.strengths, &[Strength::default()]),
+        strengths: or(&choices.strengths, &strengths(&[STRENGTH])),
         bits: or(&choices.bits, &[BitCount::default()]),
     };
     let stronger = Choices { strengths: strengths(&STRENGTHS), ..usual.clone() };
