@@ -142,15 +142,16 @@ fn table_2(groups: &[Group]) -> Option<Table> {
     }
     (!rows.is_empty()).then(|| Table {
         title: "Table 2 of the paper: detection ratio after subdivision".into(),
-        note: "Closed loop: every bit is right before the attack; the paper embeds in a single pass. \
-               Its low figures for Loop on the bunny stay unexplained. Tried (benches/gaps.rs, \
-               three keys): single pass or closed loop, one step or two, read in the suspect's own \
-               frame, with the host's range, about the host's centre or both: 0.93 to 0.99 in all \
-               of them. Only the bunny has borders and unused vertices, which the paper's program \
-               may treat otherwise; that was not tried. Its ones for the variance methods on the \
-               bunny are better than ours: new vertices on edges across bins thin their margins, in \
-               every frame."
-            .into(),
+        note:
+            "Closed loop: every bit is right before the attack; the paper embeds in a single pass. \
+               Its low figures for Loop on the bunny stay unexplained. Tried (benches/gaps.rs): \
+               single pass or closed loop, one step or two, read in the suspect's own frame, with \
+               the host's range, about the host's centre or both: all of them leave far more bits \
+               than the paper has. Only the bunny has borders and unused vertices, which the \
+               paper's program may treat otherwise; that was not tried. Its ones for the variance \
+               methods on the bunny are better than ours: new vertices on edges across bins thin \
+               their margins, in every frame."
+                .into(),
         head: ["mesh", "method", "butterfly", "Loop", "midpoint"].map(str::to_owned).to_vec(),
         rows,
     })
