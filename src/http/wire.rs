@@ -315,8 +315,7 @@ pub(super) struct InspectionBody {
     expected: Vec<ExpectedBody>,
 }
 
-/// What is expected of a mark after an attack: a mark rehearsed in memory, and a model fitted to
-/// measurements.
+/// What is expected of a mark after an attack, by a model fitted to measurements.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Expected)]
 pub(super) struct ExpectedBody {
