@@ -183,6 +183,7 @@ impl Trial<'_> {
     }
 
     /// A row without results.
+    #[must_use]
     pub fn blank(&self, attack: Attack) -> Row {
         let mesh = self.subject.asset.mesh();
         Row {

@@ -79,16 +79,12 @@ pub fn expected(
     let bins = vec![1.0; inspection.usable_bins];
     let after = |(place, fit): (usize, &Coefficients)| {
         let rehearsed = rehearsed.get(place).copied().flatten();
-        match (rehearsed, &fit.line) {
-            (Some(bound), Some(line)) => {
-                let log10_fp =
-                    (line.start + line.slope * bound).clamp(inspection.best_log10_fp, 0.0);
-                Expected { attack: fit.attack, log10_fp, error: line.error, rehearsed }
-            }
-            _ => {
-                let log10_fp = log10_chernoff(&bins, agreement(fit, features) * bins.len() as f64);
-                Expected { attack: fit.attack, log10_fp, error: fit.error, rehearsed }
-            }
+        if let (Some(bound), Some(line)) = (rehearsed, &fit.line) {
+            let log10_fp = (line.start + line.slope * bound).clamp(inspection.best_log10_fp, 0.0);
+            Expected { attack: fit.attack, log10_fp, error: line.error, rehearsed }
+        } else {
+            let log10_fp = log10_chernoff(&bins, agreement(fit, features) * bins.len() as f64);
+            Expected { attack: fit.attack, log10_fp, error: fit.error, rehearsed }
         }
     };
     TABLE.iter().enumerate().map(after).collect()
