@@ -9,6 +9,8 @@
 //! with the host's range of norms, about the host's centre with its own range, and in the host's
 //! frame; then how far the centre moved and how much the range of norms shrank, both in bins.
 
+#![expect(clippy::expect_used, reason = "a benchmark may stop")]
+
 use quadmark::formats::{Asset, Limits};
 use quadmark::lab::attacks::re_mark::{key_and_message, mark};
 use quadmark::lab::attacks::{Attack, Context};
