@@ -29,10 +29,10 @@ use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 const THRESHOLD: f64 = -9.0;
-const BLIND_SHARE: f64 = 0.125;
-const NEAR_SHARE: f64 = 0.5;
-const FULL_SHARE: f64 = 0.125;
-const WIDE_SHARE: f64 = 0.03125;
+const BLIND_SHARE: f64 = 0.0625;
+const NEAR_SHARE: f64 = 0.25;
+const FULL_SHARE: f64 = 0.0625;
+const WIDE_SHARE: f64 = 0.007_812_5;
 
 struct Options {
     runs: u8,

@@ -33,10 +33,10 @@ const GROUPS: [usize; 5] = [1, 2, 3, 5, 10];
 /// log10 of the bound below which a verdict is a match.
 const MATCH: f64 = -9.0;
 
-/// What the blind stage's bounds are multiplied by, as log10: all records, an eighth of the error
+/// What the blind stage's bounds are multiplied by, as log10: all records, a sixteenth of the error
 /// probability.
 fn counted(records: usize) -> f64 {
-    (records as f64).log10() + 0.903_09
+    (records as f64).log10() + 1.204_12
 }
 
 /// Each vertex in the middle of where the copies have it.

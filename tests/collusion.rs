@@ -9,8 +9,8 @@ use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{BitCount, Codeword, EmbedParams, MarkKey, Message, Suspect};
 
-/// log10 of what a bound is multiplied by: 100,000 records, an eighth of the error probability.
-const COUNTED: f64 = 5.0 + 0.903_09;
+/// log10 of what a bound is multiplied by: 100,000 records, a sixteenth of the error probability.
+const COUNTED: f64 = 5.0 + 1.204_12;
 
 /// A recipient's copy, with 256 bits: with 64, two that average already hide. (By
 /// `benches/collusion.rs`, with other keys one colluder in six of three is not named.)
