@@ -9,6 +9,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use glam::DVec3;
+use uuid::Uuid;
 
 use super::super::ServiceError;
 use super::super::known::codeword;
@@ -78,79 +79,62 @@ impl<'a> Recipients<'a> {
         Self { visit, housed, look, best, asked }
     }
 
-    /// Scores them; breaks when all is said.
+    /// Scores them; breaks when all is said. One filter at a time is in use: on a large host each
+    /// takes as much memory as the suspect.
     pub(super) fn read(
         &self,
         seen: &mut Seen<'_>,
         climb: &mut Climb,
     ) -> Result<ControlFlow<()>, ServiceError> {
-        let asked: Result<Vec<Filtered>, ServiceError> =
-            self.asked.iter().map(|record| self.filtered(record)).collect();
-        let asked = asked?;
         let turned = match self.look.kind {
             LookKind::InPlace => None,
             _ => Some(self.look.similarity.rotation),
         };
-        let mut readings: Vec<(&Filtered, Comparison)> = Vec::new();
-        for filtered in &asked {
+        let expected = self.expected()?;
+        let (_, below) = most_filtered(self.visit.depth);
+        for (rank, record) in self.asked.iter().enumerate() {
             go_on(self.visit.stop)?;
+            let filtered = self.filtered(record)?;
             let reading = filtered.filter.compare(&self.look.sightings, turned);
-            score(StageName::MatchedFilter, filtered, reading.alone(), seen, climb)?;
-            readings.push((filtered, reading));
-            if self.housed.records.len() == 1 && !climb.is_open() {
-                return Ok(ControlFlow::Break(()));
+            score(StageName::MatchedFilter, &filtered, reading.alone(), seen, climb)?;
+            let others = expected.iter().filter(|(id, _)| *id != record.id);
+            let others: Vec<&[DVec3]> = others.map(|(_, at)| at.as_slice()).take(BESIDE).collect();
+            if !others.is_empty() {
+                let soft = reading.beside(&others);
+                score(StageName::BesideOthers, &filtered, soft, seen, climb)?;
             }
-        }
-        self.beside(&readings, seen, climb)?;
-        if climb.is_open() {
-            self.below(&readings, seen, climb)?;
+            if rank < below
+                && climb.is_open()
+                && let Some(soft) = self.below(&filtered, &reading, seen)?
+            {
+                score(StageName::BelowAnother, &filtered, soft, seen, climb)?;
+            }
         }
         Ok(if climb.is_open() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
     }
 
-    fn beside(
-        &self,
-        readings: &[(&Filtered<'_>, Comparison<'_>)],
-        seen: &mut Seen<'_>,
-        climb: &mut Climb,
-    ) -> Result<(), ServiceError> {
-        let mut expected: Vec<(&Record, Vec<DVec3>)> = Vec::new();
-        if self.housed.records.len() > 1 {
-            for record in &self.best {
-                go_on(self.visit.stop)?;
-                let Filtered { codeword, filter, .. } = self.filtered(record)?;
-                expected.push((record, filter.expected(&codeword)));
-            }
+    /// Where the marks of the likeliest records put the carriers; none where there is one record only.
+    fn expected(&self) -> Result<Vec<(Uuid, Vec<DVec3>)>, ServiceError> {
+        if self.housed.records.len() == 1 {
+            return Ok(Vec::new());
         }
-        for (filtered, reading) in readings {
+        let expected = |record: &&'a Record| {
             go_on(self.visit.stop)?;
-            let others = expected.iter().filter(|(record, _)| record.id != filtered.record.id);
-            let others: Vec<&[DVec3]> = others.map(|(_, at)| at.as_slice()).take(BESIDE).collect();
-            if !others.is_empty() {
-                let soft = reading.beside(&others);
-                score(StageName::BesideOthers, filtered, soft, seen, climb)?;
-            }
-        }
-        Ok(())
+            let Filtered { codeword, filter, .. } = self.filtered(record)?;
+            Ok((record.id, filter.expected(&codeword)))
+        };
+        self.best.iter().map(expected).collect()
     }
 
     fn below(
         &self,
-        readings: &[(&Filtered<'_>, Comparison<'_>)],
-        seen: &mut Seen<'_>,
-        climb: &mut Climb,
-    ) -> Result<(), ServiceError> {
-        for (filtered, reading) in readings.iter().take(most_filtered(self.visit.depth).1) {
-            go_on(self.visit.stop)?;
-            let Filtered { record, codeword, .. } = filtered;
-            let class = later_class(seen.profile, record, codeword.lattice_class());
-            let over =
-                self.visit.homes.filter((self.housed.key, &self.housed.home), record, class)?;
-            if let Some(soft) = reading.under(&over) {
-                score(StageName::BelowAnother, filtered, soft, seen, climb)?;
-            }
-        }
-        Ok(())
+        Filtered { record, codeword, .. }: &Filtered<'_>,
+        reading: &Comparison<'_>,
+        seen: &Seen<'_>,
+    ) -> Result<Option<SoftBits>, ServiceError> {
+        let class = later_class(seen.profile, record, codeword.lattice_class());
+        let host = (self.housed.key, &*self.housed.home);
+        Ok(reading.under(&*self.visit.homes.filter(host, record, class)?))
     }
 
     fn filtered(&self, record: &'a Record) -> Result<Filtered<'a>, ServiceError> {

@@ -110,12 +110,15 @@ impl Service {
 
     /// The host of a record with its records, if it was marked for others, too.
     pub(super) async fn recipients_beside(
-        &self,
+        self: &Arc<Self>,
         id: Uuid,
     ) -> Result<Option<(HostKey, Vec<Uuid>)>, ServiceError> {
         let Some(record) = self.registry.record(id).await? else { return Ok(None) };
         let key = HostKey::new(&record.host_sha256);
-        let records = self.hosts.records_of(key);
+        // (Behind a lock that a registration may hold.)
+        let service = self.clone();
+        let records = tokio::task::spawn_blocking(move || service.hosts.records_of(key)).await;
+        let records = records.map_err(|error| ServiceError::Internal(error.to_string()))?;
         Ok((record.host_kept && records.len() > 1).then_some((key, records)))
     }
 
