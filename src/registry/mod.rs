@@ -39,6 +39,12 @@ pub enum RegistryError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// There is nothing to read.
+    #[error(
+        "there is no registry in the directory {0}; name with --data the data directory of a \
+         service (it holds registry.sqlite)"
+    )]
+    NoRegistry(String),
     /// The idempotency key was registered in the meantime, by a request that ran at the same time.
     #[error("the idempotency key was used by another request in the meantime")]
     IdempotencyTaken,

@@ -63,8 +63,12 @@ impl Sqlite {
     /// # Errors
     /// [`RegistryError`] when there is no registry of this version.
     pub async fn open_to_read(data: &Path) -> Result<Self, RegistryError> {
+        let file = data.join("registry.sqlite");
+        if !tokio::fs::try_exists(&file).await.unwrap_or(true) {
+            return Err(RegistryError::NoRegistry(data.display().to_string()));
+        }
         let options = SqliteConnectOptions::new()
-            .filename(data.join("registry.sqlite"))
+            .filename(file)
             .read_only(true)
             .busy_timeout(Duration::from_secs(10));
         let readers = SqlitePoolOptions::new().max_connections(READERS).connect_with(options);
@@ -456,7 +460,8 @@ mod tests {
     #[tokio::test]
     async fn reading_beside_a_writer() {
         let directory = tempfile::tempdir().unwrap();
-        assert!(Sqlite::open_to_read(directory.path()).await.is_err(), "nothing there");
+        let nothing = Sqlite::open_to_read(directory.path()).await.unwrap_err();
+        assert!(matches!(nothing, RegistryError::NoRegistry(_)), "{nothing}");
         let writer = Sqlite::open(directory.path()).await.unwrap();
         let reader = Sqlite::open_to_read(directory.path()).await.unwrap();
         let record = sample_record();
