@@ -46,7 +46,7 @@ pub(super) struct Arguments {
     #[arg(long, value_delimiter = ',')]
     attacks: Vec<String>,
     /// results.csv of an earlier run with this seed, reported together with this run's; may be
-    /// repeated. Trials that stand there are not made again: a run that was ended goes on.
+    /// repeated. What stands there is not made again: a run that was ended goes on.
     #[arg(long)]
     rows: Vec<PathBuf>,
     /// Marks per mesh and setting, each with a random key and message; the grid's own number (paper

@@ -5,7 +5,6 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use super::attacks::Attack;
 use super::grid::Experiment;
 use super::row::Row;
 use super::trial::Trial;
@@ -50,9 +49,12 @@ pub struct Plan<'a> {
     /// Families of attacks that are made; empty for all. A result does not depend on what else is
     /// run.
     pub families: &'a [String],
-    /// Rows of earlier runs: trials that stand there with all their attacks are not made again.
+    /// Rows of earlier runs: what stands there is not made again.
     pub known: &'a [Row],
 }
+
+/// Per mark and trial, the attacks that there are rows of.
+type Known<'a> = BTreeMap<(String, usize), BTreeSet<&'a str>>;
 
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,6 +104,7 @@ impl Plan<'_> {
                         families: self.families,
                         trial,
                         seed: self.seed,
+                        known: None,
                         damage: trial == 0 && k == 0,
                     }));
                 }
@@ -110,29 +113,26 @@ impl Plan<'_> {
         all
     }
 
-    /// Those of [`Plan::all`] that are not known yet.
-    fn open(&self) -> Vec<Trial<'_>> {
-        let mut known: BTreeMap<(String, usize), BTreeSet<&str>> = BTreeMap::new();
-        for row in self.known {
-            known.entry((row.mark(), row.trial)).or_default().insert(&row.attack);
-        }
+    /// Those of [`Plan::all`] with attacks that are not known yet.
+    fn open<'a>(&'a self, known: &'a Known<'a>) -> Vec<Trial<'a>> {
         let mut all = self.all();
-        all.retain(|trial| {
+        all.retain_mut(|trial| {
             let Some(first) = trial.attacks.first() else { return false };
-            let seen = known.get(&(trial.blank(*first).mark(), trial.trial));
-            let is_known = |attack: Attack| {
-                seen.is_some_and(|seen| seen.contains(attack.to_string().as_str()))
-            };
-            !trial.met().all(|(_, attack)| is_known(attack))
+            trial.known = known.get(&(trial.blank(*first).mark(), trial.trial));
+            trial.met().next().is_some()
         });
         all
     }
 
-    /// Runs all trials that are not known and gives the rows of those that were done, in the order of
+    /// Makes what is not known and gives the rows of those that were done, in the order of
     /// [`Plan::all`] whatever the number of threads.
     #[must_use]
     pub fn run(&self, watch: Watch<'_>) -> Vec<Row> {
-        let all = self.open();
+        let mut known = Known::new();
+        for row in self.known {
+            known.entry((row.mark(), row.trial)).or_default().insert(&row.attack);
+        }
+        let all = self.open(&known);
         let cost = |trial: &Trial<'_>| {
             let vertices = trial.subject.asset.mesh().positions().len() as f64;
             let attack = if trial.damage { 1.0 + COST_OF_DAMAGE } else { 1.0 };

@@ -1,5 +1,7 @@
 //! One trial: a mark under a random key, and what is left of it after each attack.
 
+use std::collections::BTreeSet;
+
 use super::attacks::{Attack, Context};
 use super::grid::Setting;
 use super::measures::{Damage, Detection, damage, detect};
@@ -29,6 +31,8 @@ pub struct Trial<'a> {
     /// Of these, only attacks of these families; empty for all. The others keep their places, on
     /// which seeds depend.
     pub families: &'a [String],
+    /// Attacks that there are rows of already, by what rows call them.
+    pub known: Option<&'a BTreeSet<&'a str>>,
     /// Number of this trial.
     pub trial: usize,
     /// Seed of the whole run.
@@ -80,7 +84,9 @@ impl Trial<'_> {
     /// The attacks that are made, with their places in the list.
     pub fn met(&self) -> impl Iterator<Item = (u64, Attack)> + '_ {
         let wanted = |attack: &Attack| {
-            self.families.is_empty() || self.families.iter().any(|f| f == attack.family())
+            let asked = || self.families.iter().any(|f| f == attack.family());
+            let known = |known: &BTreeSet<&str>| known.contains(attack.to_string().as_str());
+            (self.families.is_empty() || asked()) && !self.known.is_some_and(known)
         };
         (0..)
             .zip(self.attacks)

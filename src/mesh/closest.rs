@@ -3,7 +3,7 @@
 use glam::DVec3;
 use parry3d_f64::math::Vector;
 use parry3d_f64::query::{PointQuery, PointQueryWithLocation};
-use parry3d_f64::shape::TriMesh;
+use parry3d_f64::shape::{TriMesh, Triangle, TrianglePointLocation};
 
 use super::surface::Surface;
 
@@ -55,5 +55,44 @@ impl Closest {
     #[must_use]
     pub fn distance(&self, p: DVec3) -> f64 {
         self.point(p).distance(p)
+    }
+}
+
+/// The point of a triangle that is closest to `p`, and which of its corners span what it lies on: a
+/// corner, a side, or all of it.
+#[must_use]
+pub fn nearest_in_triangle(p: DVec3, corners: [DVec3; 3]) -> (DVec3, [bool; 3]) {
+    let [a, b, c] = corners.map(vector);
+    let (found, location) =
+        Triangle::new(a, b, c).project_local_point_and_get_location(vector(p), false);
+    let spanning = match location {
+        TrianglePointLocation::OnVertex(k) => [0, 1, 2].map(|corner| corner == k),
+        // Sides are numbered by the corner that they begin at.
+        TrianglePointLocation::OnEdge(k, _) => [0, 1, 2].map(|corner| corner != (k + 2) % 3),
+        TrianglePointLocation::OnFace(..) | TrianglePointLocation::OnSolid => [true; 3],
+    };
+    (DVec3::new(found.point.x, found.point.y, found.point.z), spanning)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_triangles_corners_sides_and_face_are_told_apart() {
+        let corners = [DVec3::ZERO, 4.0 * DVec3::X, 4.0 * DVec3::Y];
+        for (p, place, spanning) in [
+            ([-1.0, -1.0, 2.0], [0.0, 0.0, 0.0], [true, false, false]),
+            ([6.0, -1.0, 0.0], [4.0, 0.0, 0.0], [false, true, false]),
+            ([-1.0, 9.0, 1.0], [0.0, 4.0, 0.0], [false, false, true]),
+            ([1.0, -2.0, 1.0], [1.0, 0.0, 0.0], [true, true, false]),
+            ([3.0, 3.0, 0.0], [2.0, 2.0, 0.0], [false, true, true]),
+            ([-3.0, 1.0, 0.0], [0.0, 1.0, 0.0], [true, false, true]),
+            ([1.0, 1.0, -5.0], [1.0, 1.0, 0.0], [true, true, true]),
+        ] {
+            let (found, on) = nearest_in_triangle(DVec3::from_array(p), corners);
+            assert!(found.distance(DVec3::from_array(place)) < 1e-12, "{p:?}: {found}");
+            assert_eq!(on, spanning, "{p:?}");
+        }
     }
 }

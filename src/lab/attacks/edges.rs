@@ -1,7 +1,5 @@
 //! The edges of a triangle list, each once, with the triangles at it.
 
-use rayon::slice::ParallelSliceMut;
-
 /// No such triangle side.
 pub const NO_SIDE: usize = usize::MAX;
 
@@ -19,37 +17,39 @@ pub struct Edges {
 }
 
 impl Edges {
-    /// Sorts the sides of `triangles`.
+    /// Sorts the sides of `triangles`: by their smaller corner in one count, then those at each
+    /// corner.
     pub fn new(triangles: &[[u32; 3]]) -> Self {
-        let mut sides: Vec<([u32; 2], usize)> = Vec::with_capacity(3 * triangles.len());
-        for (triangle, &[a, b, c]) in triangles.iter().enumerate() {
-            for (k, (i, j)) in [(a, b), (b, c), (c, a)].into_iter().enumerate() {
-                sides.push(([i.min(j), i.max(j)], 3 * triangle + k));
-            }
-        }
-        sides.par_sort_unstable();
+        let mut sides = sides_by_smaller_corner(triangles);
         let mut edges = Self {
-            ends: Vec::with_capacity(sides.len() / 2),
-            count: Vec::with_capacity(sides.len() / 2),
-            sides: Vec::with_capacity(sides.len() / 2),
-            of_side: vec![0; sides.len()],
+            ends: Vec::with_capacity(sides.of.len() / 2),
+            count: Vec::with_capacity(sides.of.len() / 2),
+            sides: Vec::with_capacity(sides.of.len() / 2),
+            of_side: vec![0; sides.of.len()],
         };
-        for (ends, side) in sides {
-            let known = edges.ends.last() == Some(&ends);
-            if known {
-                let last = edges.count.len() - 1;
-                if edges.count[last] == 1 {
-                    edges.sides[last][1] = side;
-                }
-                edges.count[last] += 1;
-            } else {
-                edges.ends.push(ends);
-                edges.count.push(1);
-                edges.sides.push([side, NO_SIDE]);
+        for (vertex, bounds) in (0..).zip(sides.starts.windows(2)) {
+            let at = &mut sides.of[bounds[0]..bounds[1]];
+            at.sort_unstable();
+            for &mut (other, side) in at {
+                edges.add([vertex, other], side);
             }
-            edges.of_side[side] = edges.ends.len() - 1;
         }
         edges
+    }
+
+    fn add(&mut self, ends: [u32; 2], side: usize) {
+        if self.ends.last() == Some(&ends) {
+            let last = self.count.len() - 1;
+            if self.count[last] == 1 {
+                self.sides[last][1] = side;
+            }
+            self.count[last] += 1;
+        } else {
+            self.ends.push(ends);
+            self.count.push(1);
+            self.sides.push([side, NO_SIDE]);
+        }
+        self.of_side[side] = self.ends.len() - 1;
     }
 
     /// Edges with one triangle.
@@ -64,6 +64,34 @@ impl Edges {
         let starts = || sides.map(|side| corner(triangles, side));
         (self.count[edge] == 2 && starts()[0] != starts()[1]).then_some(sides)
     }
+}
+
+/// Sides with their larger corners, as compressed rows by their smaller ones.
+struct Sides {
+    starts: Vec<usize>,
+    of: Vec<(u32, usize)>,
+}
+
+fn sides_by_smaller_corner(triangles: &[[u32; 3]]) -> Sides {
+    let ends = |&[a, b, c]: &[u32; 3]| {
+        [(a, b), (b, c), (c, a)].map(|(i, j)| (i.min(j) as usize, i.max(j)))
+    };
+    let vertices = triangles.iter().flatten().max().map_or(0, |&last| last as usize + 1);
+    let mut starts = vec![0; vertices + 1];
+    for (smaller, _) in triangles.iter().flat_map(ends) {
+        starts[smaller + 1] += 1;
+    }
+    for vertex in 0..vertices {
+        starts[vertex + 1] += starts[vertex];
+    }
+    let mut next = starts.clone();
+    let mut of = vec![(0, 0); 3 * triangles.len()];
+    for (side, (smaller, larger)) in triangles.iter().flat_map(ends).enumerate() {
+        let slot = &mut next[smaller];
+        of[*slot] = (larger, side);
+        *slot += 1;
+    }
+    Sides { starts, of }
 }
 
 /// The corner that a side starts from.

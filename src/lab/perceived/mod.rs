@@ -9,10 +9,10 @@
 //!
 //! Checked against closed forms (curvature of spheres and cylinders), against the published behaviour
 //! (masking, order of strengths), and by `benches/metro/msdm2.py` against an independent, literal
-//! implementation of the published algorithm: on three scans with noise and smoothing the two agree
-//! within 0.002 (0.5 %). The published program sums only those edges of a ball that lead away from
-//! its centre, where the definition has all; done so, values come out up to 0.011 higher. Values that
-//! the program itself printed were not to be had.
+//! implementation of the published algorithm: on seven pairs made of three scans, with noise and
+//! smoothing, the two agree within 0.0014 (0.5 %). The published program sums only those edges of a
+//! ball that lead away from its centre, where the definition has all; done so, values come out up to
+//! 0.011 higher. Values that the program itself printed were not to be had.
 
 mod curvature;
 mod window;

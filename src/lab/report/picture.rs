@@ -111,6 +111,7 @@ fn shown_trials<'a>(plan: &Plan<'a>, number: usize, subject: &'a Subject) -> Vec
                 setting,
                 attacks: &experiment.attacks,
                 families: plan.families,
+                known: None,
                 trial: 0,
                 seed: plan.seed,
                 damage: false,

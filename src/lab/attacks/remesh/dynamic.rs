@@ -1,11 +1,15 @@
 //! A triangle mesh whose edges can be split, collapsed and flipped.
 
 use glam::DVec3;
+use smallvec::SmallVec;
 
 use super::super::edges::Edges;
 use super::super::{AttackError, compacted, index};
 use crate::mesh::Mesh;
 use crate::mesh::surface::{Surface, doubled_area};
+
+/// The triangles around a vertex: mostly six, and rarely more than eight.
+pub type Fan = SmallVec<[u32; 8]>;
 
 /// A triangle that is gone.
 const GONE: [u32; 3] = [u32::MAX; 3];
@@ -15,12 +19,14 @@ pub struct Dynamic {
     pub positions: Vec<DVec3>,
     pub triangles: Vec<[u32; 3]>,
     /// Per vertex, its triangles.
-    pub around: Vec<Vec<u32>>,
+    pub around: Vec<Fan>,
     /// Per vertex, the other ends of its feature edges: creases, borders, and edges with more than
     /// two triangles.
     pub features: Vec<Vec<u32>>,
     /// Per vertex, whether it lies on a border.
     pub border: Vec<bool>,
+    /// Per vertex, a triangle of the old surface near it.
+    pub below: Vec<u32>,
 }
 
 /// The triangles at an edge: their opposite corners too.
@@ -36,13 +42,15 @@ impl Dynamic {
         let mut this = Self {
             positions: surface.positions.clone(),
             triangles: surface.triangles.clone(),
-            around: vec![Vec::new(); vertices],
+            around: vec![Fan::new(); vertices],
             features: vec![Vec::new(); vertices],
             border: vec![false; vertices],
+            below: vec![0; vertices],
         };
         for (t, triangle) in (0_u32..).zip(&surface.triangles) {
             for &vertex in triangle {
                 this.around[vertex as usize].push(t);
+                this.below[vertex as usize] = t;
             }
         }
         this.find_features(crease_degrees.to_radians());
@@ -102,14 +110,27 @@ impl Dynamic {
         self.around.iter().filter(|triangles| !triangles.is_empty()).count()
     }
 
-    /// All edges, each once, in the order of their ends.
-    pub fn edges(&self) -> Vec<[u32; 2]> {
-        let mut edges: Vec<[u32; 2]> = self
-            .living()
-            .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]])
-            .map(|[a, b]| [a.min(b), a.max(b)])
-            .collect();
-        rayon::slice::ParallelSliceMut::par_sort_unstable(edges.as_mut_slice());
+    /// The edges that `wanted` accepts, each once, in the order of their ends.
+    pub fn edges(&self, wanted: impl Fn([u32; 2]) -> bool) -> Vec<[u32; 2]> {
+        let sides = |[a, b, c]: [u32; 3]| [[a, b], [b, c], [c, a]];
+        let ordered = |[a, b]: [u32; 2]| [a.min(b), a.max(b)];
+        let mut edges: Vec<[u32; 2]> =
+            self.living().flat_map(sides).map(ordered).filter(|&edge| wanted(edge)).collect();
+        edges.sort_unstable();
+        edges.dedup();
+        edges
+    }
+
+    /// Of [`edges`](Self::edges), those with an end among the vertices from `first` on.
+    pub fn edges_from(&self, first: u32, wanted: impl Fn([u32; 2]) -> bool) -> Vec<[u32; 2]> {
+        let mut edges = Vec::new();
+        let mut list = Vec::new();
+        for vertex in first..index(self.around.len()) {
+            self.neighbours(vertex, &mut list);
+            let own = list.iter().map(|&other| [vertex.min(other), vertex.max(other)]);
+            edges.extend(own.filter(|&edge| wanted(edge)));
+        }
+        edges.sort_unstable();
         edges.dedup();
         edges
     }
@@ -135,10 +156,18 @@ impl Dynamic {
         (count, wings)
     }
 
-    /// Whether `a` comes right before `b` in a triangle.
-    pub fn runs(&self, triangle: u32, a: u32, b: u32) -> bool {
-        let [x, y, z] = self.triangles[triangle as usize];
-        [[x, y], [y, z], [z, x]].contains(&[a, b])
+    /// The only other triangle at the edge that `triangle` runs along from a to b, where there is
+    /// just one and it runs from b to a.
+    pub fn across(&self, triangle: u32, [a, b]: [u32; 2]) -> Option<Wing> {
+        let mut others = self.around[a as usize].iter().filter_map(|&other| {
+            let corners = self.triangles[other as usize];
+            (other != triangle && corners.contains(&b)).then_some((other, corners))
+        });
+        let (triangle, [x, y, z]) = others.next()?;
+        let apex =
+            [([x, y], z), ([y, z], x), ([z, x], y)].into_iter().find(|(side, _)| *side == [b, a]);
+        let wing = Wing { triangle, apex: apex?.1 };
+        others.next().is_none().then_some(wing)
     }
 
     /// Neighbours of a vertex, ascending, into `list`.
@@ -151,18 +180,24 @@ impl Dynamic {
         list.dedup();
     }
 
+    /// Whether there is an edge between two vertices.
+    pub fn are_joined(&self, a: u32, b: u32) -> bool {
+        self.around[a as usize].iter().any(|&t| self.triangles[t as usize].contains(&b))
+    }
+
     /// Puts a new vertex at `place` on the edge; its triangles become twice as many.
     pub fn split(&mut self, [a, b]: [u32; 2], place: DVec3) {
         let middle = index(self.positions.len());
-        let triangles: Vec<u32> = self.around[a as usize]
+        let triangles: Fan = self.around[a as usize]
             .iter()
             .copied()
             .filter(|&t| self.triangles[t as usize].contains(&b))
             .collect();
         self.positions.push(place);
         self.border.push(triangles.len() == 1);
+        self.below.push(self.below[a as usize]);
         self.features.push(Vec::new());
-        let mut around = Vec::with_capacity(2 * triangles.len());
+        let mut around = Fan::new();
         for t in triangles {
             let old = self.triangles[t as usize];
             let new = index(self.triangles.len());
@@ -190,7 +225,7 @@ impl Dynamic {
             let corners = self.triangles[t as usize];
             if corners.contains(&kept) {
                 for corner in corners {
-                    self.around[corner as usize].retain(|&other| other != t);
+                    self.around[corner as usize].retain(|other| *other != t);
                 }
                 self.triangles[t as usize] = GONE;
             } else {
@@ -213,8 +248,8 @@ impl Dynamic {
     pub fn flip(&mut self, [a, b]: [u32; 2], first: Wing, second: Wing) {
         self.triangles[first.triangle as usize] = [a, second.apex, first.apex];
         self.triangles[second.triangle as usize] = [second.apex, b, first.apex];
-        self.around[b as usize].retain(|&t| t != first.triangle);
-        self.around[a as usize].retain(|&t| t != second.triangle);
+        self.around[b as usize].retain(|t| *t != first.triangle);
+        self.around[a as usize].retain(|t| *t != second.triangle);
         self.around[second.apex as usize].push(first.triangle);
         self.around[first.apex as usize].push(second.triangle);
     }

@@ -1,12 +1,13 @@
 //! Uniform remeshing.
 
 mod dynamic;
+mod ground;
 mod passes;
 
 use super::{AttackError, surface_of};
 use crate::mesh::Mesh;
-use crate::mesh::closest::Closest;
 use dynamic::Dynamic;
+use ground::Ground;
 
 /// How to remesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,7 +48,7 @@ const CORRECTION: f64 = 0.35;
 /// [`AttackError::NoSurface`], or [`AttackError::Mesh`] when nothing is left.
 pub fn remesh(mesh: &Mesh, how: &Remeshing) -> Result<Mesh, AttackError> {
     let surface = surface_of(mesh)?;
-    let old = Closest::new(&surface).ok_or(AttackError::NoSurface)?;
+    let old = Ground::new(&surface);
     let goal_count = (how.share * surface.positions.len() as f64).max(4.0);
     let mut now = Dynamic::new(&surface, how.crease_degrees);
     // Two triangles of area sqrt(3)/4 l^2 per vertex.

@@ -1,11 +1,12 @@
-//! The passes of one round of remeshing. Edges are visited in the order of their ends, so that the
-//! result depends on the mesh alone.
+//! The passes of one round of remeshing. Edges are visited in the order of their ends or of their
+//! triangles, so that the result depends on the mesh alone.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::super::index;
 use super::dynamic::{Dynamic, Wing};
-use crate::mesh::closest::Closest;
+use super::ground::{Foot, Ground};
 use crate::mesh::surface::doubled_area;
 
 /// A triangle may turn by at most 60 degrees at once (cosine 1/2): more is a fold.
@@ -16,15 +17,17 @@ const MOST_HALVINGS: usize = 20;
 
 /// Splits edges longer than `longest`, until there are none.
 pub fn split(mesh: &mut Dynamic, longest: f64) {
+    let mut edges = mesh.edges(|edge| mesh.length(edge) > longest);
     for _ in 0..MOST_HALVINGS {
-        let mut edges = mesh.edges();
-        edges.retain(|&edge| mesh.length(edge) > longest);
-        if edges.is_empty() {
-            return;
-        }
+        // Only edges at new vertices are new, and all the long ones among the others are split.
+        let first_new = index(mesh.positions.len());
         for edge in edges {
             let [a, b] = edge.map(|v| mesh.at(v));
             mesh.split(edge, a.midpoint(b));
+        }
+        edges = mesh.edges_from(first_new, |edge| mesh.length(edge) > longest);
+        if edges.is_empty() {
+            return;
         }
     }
 }
@@ -32,8 +35,7 @@ pub fn split(mesh: &mut Dynamic, longest: f64) {
 /// Collapses edges shorter than `shortest` where that makes no edge longer than `longest`, folds
 /// nothing and moves no feature.
 pub fn collapse(mesh: &mut Dynamic, shortest: f64, longest: f64) {
-    let mut edges = mesh.edges();
-    edges.retain(|&edge| mesh.length(edge) < shortest);
+    let edges = mesh.edges(|edge| mesh.length(edge) < shortest);
     let mut lists = [Vec::new(), Vec::new()];
     for edge in edges {
         let alive = edge.iter().all(|&v| !mesh.around[v as usize].is_empty());
@@ -108,29 +110,30 @@ fn turns_too_far(before: DVec3, after: DVec3) -> bool {
 
 /// Flips edges where that brings vertices nearer to six neighbours (four at a border).
 pub fn flip(mesh: &mut Dynamic) {
-    let mut list = Vec::new();
-    for edge in mesh.edges() {
-        let [a, b] = edge;
-        let (count, [x, y]) = mesh.wings(edge);
-        if count != 2 || mesh.is_feature(edge) || x.apex == y.apex {
-            continue;
-        }
-        let (first, second) = if mesh.runs(x.triangle, a, b) { (x, y) } else { (y, x) };
-        if !mesh.runs(first.triangle, a, b) || !mesh.runs(second.triangle, b, a) {
-            continue;
-        }
-        let (c, d) = (first.apex, second.apex);
-        let change =
-            excess(mesh, a, -1) + excess(mesh, b, -1) + excess(mesh, c, 1) + excess(mesh, d, 1)
-                - [a, b, c, d].map(|v| excess(mesh, v, 0)).iter().sum::<i64>();
-        if change >= 0 || !is_flat(mesh, edge, first, second) {
-            continue;
-        }
-        mesh.neighbours(c, &mut list);
-        if list.binary_search(&d).is_err() {
-            mesh.flip(edge, first, second);
+    for triangle in 0..index(mesh.triangles.len()) {
+        for k in 0..3 {
+            // Each edge is met in the triangle that runs along it upwards; a flip before may have
+            // given this triangle other corners.
+            let corners = mesh.triangles[triangle as usize];
+            let [a, b, c] = [corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]];
+            let first = Wing { triangle, apex: c };
+            if a < b
+                && let Some(second) = mesh.across(triangle, [a, b])
+                && evens_out(mesh, [a, b, c, second.apex])
+                && !mesh.is_feature([a, b])
+                && is_flat(mesh, [a, b], first, second)
+                && !mesh.are_joined(c, second.apex)
+            {
+                mesh.flip([a, b], first, second);
+            }
         }
     }
+}
+
+/// Whether the corners c and d of the triangles at the edge a-b need an edge more than its ends do.
+fn evens_out(mesh: &Dynamic, [a, b, c, d]: [u32; 4]) -> bool {
+    let change = |vertex, more| excess(mesh, vertex, more) - excess(mesh, vertex, 0);
+    c != d && change(a, -1) + change(b, -1) + change(c, 1) + change(d, 1) < 0
 }
 
 /// Squared difference between a vertex's neighbours, with `more` of them, and what it should have.
@@ -154,17 +157,18 @@ fn is_flat(mesh: &Dynamic, [a, b]: [u32; 2], first: Wing, second: Wing) -> bool 
 
 /// Moves smooth vertices along the surface to the middle of their neighbours, and onto the old
 /// surface.
-pub fn relax(mesh: &mut Dynamic, old: &Closest) {
+pub fn relax(mesh: &mut Dynamic, old: &Ground<'_>) {
     let moves = |vertex: usize| !mesh.around[vertex].is_empty() && mesh.features[vertex].is_empty();
-    let goals: Vec<Option<DVec3>> = (0..mesh.positions.len())
+    let goals: Vec<Option<Foot>> = (0..mesh.positions.len())
         .into_par_iter()
         .with_min_len(1024)
-        .map(|vertex| moves(vertex).then(|| old.point(relaxed(mesh, vertex))))
+        .map(|vertex| moves(vertex).then(|| old.foot(relaxed(mesh, vertex), mesh.below[vertex])))
         .collect();
     for ((vertex, goal), number) in goals.into_iter().enumerate().zip(0_u32..) {
         let Some(goal) = goal else { continue };
-        if !folds(mesh, number, u32::MAX, goal) {
-            mesh.positions[vertex] = goal;
+        if !folds(mesh, number, u32::MAX, goal.place) {
+            mesh.positions[vertex] = goal.place;
+            mesh.below[vertex] = goal.triangle;
         }
     }
 }
