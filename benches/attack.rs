@@ -12,7 +12,7 @@ use std::fmt::Write as _;
 
 use quadmark::formats::{Asset, Limits};
 use quadmark::lab::attacks::crop::Of;
-use quadmark::lab::attacks::{Attack, Context};
+use quadmark::lab::attacks::{Attack, Context, Target};
 use quadmark::mesh::Mesh;
 use quadmark::watermark::EmbedParams;
 
@@ -58,6 +58,7 @@ fn main() {
     let amounts: Vec<f64> = amounts.iter().map(|word| word.parse().unwrap()).collect();
     let asset = Asset::read(&std::fs::read(input).unwrap(), &Limits::default()).unwrap();
     let context = Context { host: asset.mesh(), params: &EmbedParams::default() };
-    let attacked = named(family, &amounts).apply(asset.mesh(), &context, 1).unwrap();
+    let target = Target::new(asset.mesh());
+    let attacked = named(family, &amounts).apply(&target, &context, 1).unwrap();
     std::fs::write(output, exact_obj(&attacked)).unwrap();
 }

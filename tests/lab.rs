@@ -63,3 +63,36 @@ fn ctrl_c_keeps_what_is_done() {
     assert!(fs::read_to_string(out.join("results.csv")).unwrap().lines().count() > 15);
     assert!(out.join("report.html").exists());
 }
+
+#[cfg(unix)]
+#[test]
+fn what_a_killed_run_had_made_is_there_to_go_on_with() {
+    let folder = tempfile::tempdir().unwrap();
+    sample(folder.path());
+    let mut running = lab(folder.path(), "100000").stderr(Stdio::null()).spawn().unwrap();
+    let out = folder.path().join("out");
+    let unfinished = out.join("unfinished.csv");
+    let rows = || fs::read_to_string(&unfinished).map_or(0, |text| text.lines().count());
+    for _ in 0..600 {
+        std::thread::sleep(Duration::from_millis(100));
+        if rows() > 60 {
+            break;
+        }
+    }
+    running.kill().unwrap();
+    running.wait().unwrap();
+    let made = rows();
+    assert!(made > 60 && !out.join("results.csv").exists());
+    // Not written over by a run that does not go on with it.
+    let refused = lab(folder.path(), "2").output().unwrap();
+    assert_eq!(refused.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(said.contains("unfinished.csv") && said.contains("--rows"), "{said}");
+    assert_eq!(rows(), made);
+    let went_on = lab(folder.path(), "2").arg("--rows").arg(&unfinished).output().unwrap();
+    assert!(went_on.status.success());
+    assert!(!unfinished.exists());
+    let results = fs::read_to_string(out.join("results.csv")).unwrap();
+    // Less than a trial may have been cut off by the kill.
+    assert!(results.lines().count() + 25 > made);
+}

@@ -6,7 +6,7 @@ use quadmark::lab::attacks::Attack::{
     Smooth, Spikes, StrayVertices,
 };
 use quadmark::lab::attacks::crop::Of::Vertices;
-use quadmark::lab::attacks::{AttackError, Context};
+use quadmark::lab::attacks::{AttackError, Context, Target};
 use quadmark::lab::random::Random;
 use quadmark::mesh::Mesh;
 
@@ -75,7 +75,9 @@ pub fn attacked(
 ) -> Result<Mesh, AttackError> {
     let (of, trial) = place;
     let mut random = Random::derived(seed, [hash(of), trial, hash(name)]);
-    steps.iter().try_fold(mesh.clone(), |now, step| step.apply(&now, context, random.word()))
+    steps
+        .iter()
+        .try_fold(mesh.clone(), |now, step| step.apply(&Target::new(&now), context, random.word()))
 }
 
 /// FNV-1a.

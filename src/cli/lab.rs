@@ -1,5 +1,6 @@
 //! `quadmark lab`.
 
+use std::fs::{File, OpenOptions};
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -9,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use quadmark::lab::grid::{Choices, Grid};
 use quadmark::lab::report::{Report, galleries};
-use quadmark::lab::row::{Row, from_csv, merged, to_csv};
+use quadmark::lab::row::{Journal, Row, from_csv, merged, to_csv};
 use quadmark::lab::run::{Plan, Progress, Subject, Watch};
 use quadmark::lab::summary::groups;
 use quadmark::watermark::{BitCount, Method, Strength};
@@ -45,8 +46,9 @@ pub(super) struct Arguments {
     /// Families of attacks, separated by commas, instead of all (`none` is the mark itself).
     #[arg(long, value_delimiter = ',')]
     attacks: Vec<String>,
-    /// results.csv of an earlier run with this seed, reported together with this run's; may be
-    /// repeated. What stands there is not made again: a run that was ended goes on.
+    /// results.csv of an earlier run with this seed (or unfinished.csv, which a run leaves that was
+    /// killed), reported together with this run's; may be repeated. What stands there is not made
+    /// again: a run that was ended goes on.
     #[arg(long)]
     rows: Vec<PathBuf>,
     /// Marks per mesh and setting, each with a random key and message; the grid's own number (paper
@@ -73,12 +75,8 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let mut experiments = arguments.grid.experiments(&choices);
     let wanted = &arguments.experiments;
     experiments.retain(|e| wanted.is_empty() || wanted.iter().any(|part| e.name.contains(part)));
-    let mut rows: Vec<Row> = Vec::new();
-    for path in &arguments.rows {
-        let found = from_csv(&files::read(path)?)
-            .map_err(|error| Failure(format!("{}: {error}", path.display())))?;
-        rows.extend(found);
-    }
+    let rows = known_rows(&arguments.rows)?;
+    let kept = Kept::begin(arguments.out.join("unfinished.csv"), &arguments.rows, &rows)?;
     let plan = Plan {
         subjects: &subjects,
         experiments: &experiments,
@@ -92,6 +90,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let watch = Watch {
         stop: &|| stopped.load(Ordering::Relaxed),
         progress: &|progress| meter.show(progress),
+        kept: &|rows| kept.add(rows),
     };
     let new = plan.run(watch);
     let rows = merged([rows.as_slice(), &new].concat());
@@ -111,6 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let out = |name: &str| arguments.out.join(name);
     // Before anything is drawn, which takes long for large meshes.
     files::write(&out("results.csv"), &to_csv(&rows)?)?;
+    kept.end()?;
     files::write(&out("summary.json"), &serde_json::to_vec_pretty(&summary)?)?;
     eprintln!("drawing");
     let complete = complete();
@@ -137,6 +137,60 @@ fn subject(path: &Path) -> Result<Subject, Failure> {
     let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     Subject::read(name, files::read(path)?, &limits())
         .map_err(|error| Failure(format!("{}: {error}", path.display())))
+}
+
+/// The rows of earlier runs.
+fn known_rows(paths: &[PathBuf]) -> Result<Vec<Row>, Failure> {
+    let mut rows = Vec::new();
+    for path in paths {
+        let found = from_csv(&files::read(path)?)
+            .map_err(|error| Failure(format!("{}: {error}", path.display())))?;
+        rows.extend(found);
+    }
+    Ok(rows)
+}
+
+/// The rows that there are so far, in a file of their own until the run ends.
+struct Kept {
+    path: PathBuf,
+    journal: Mutex<Journal<File>>,
+}
+
+impl Kept {
+    /// Begins with the rows of earlier runs, which were read from `read`. Refuses to write over
+    /// rows that were not.
+    fn begin(path: PathBuf, read: &[PathBuf], rows: &[Row]) -> Result<Self, Failure> {
+        let same = |other: &PathBuf| match (other.canonicalize(), path.canonicalize()) {
+            (Ok(a), Ok(b)) => a == b,
+            _ => false,
+        };
+        if path.exists() && !read.iter().any(same) {
+            return Err(Failure(format!(
+                "{0} holds the rows of a run that was killed: go on with it by --rows {0} (and the \
+                 same seed and files), or delete it",
+                path.display()
+            )));
+        }
+        files::write(&path, &if rows.is_empty() { Vec::new() } else { to_csv(rows)? })?;
+        let failed = |error| Failure(format!("cannot write {}: {error}", path.display()));
+        let file = OpenOptions::new().append(true).open(&path).map_err(failed)?;
+        let journal = Mutex::new(Journal::new(file, !rows.is_empty()));
+        Ok(Self { path, journal })
+    }
+
+    fn add(&self, rows: &[Row]) {
+        let Ok(mut journal) = self.journal.lock() else { return };
+        // The run goes on: its rows are also in memory.
+        if let Err(error) = journal.add(rows) {
+            eprintln!("cannot write {}: {error}", self.path.display());
+        }
+    }
+
+    /// Once they stand elsewhere.
+    fn end(&self) -> Result<(), Failure> {
+        let failed = |error| Failure(format!("cannot remove {}: {error}", self.path.display()));
+        std::fs::remove_file(&self.path).map_err(failed)
+    }
 }
 
 /// A flag that Ctrl-C sets. A second Ctrl-C ends the process.

@@ -2,7 +2,7 @@
 //!
 //! Stands beside the service and sees only files, geometry and the method. In reading order:
 //! [`attacks`] (a mesh, parameters and a seed in, a mesh out), [`grid`] (which marks and attacks),
-//! [`trial`] (one mark, all its attacks), [`run`] (all trials on all cores), [`row`] and
+//! [`trial`] (one mark, all its attacks), [`run`] (all trials on all cores, by `queue`), [`row`] and
 //! [`summary`] (what comes out), [`report`] (how it is shown).
 //!
 //! Must not open files, read the clock or know of the service: names and bytes come in, rows and
@@ -13,6 +13,7 @@ pub mod expected;
 pub mod grid;
 pub mod measures;
 pub mod perceived;
+mod queue;
 pub mod random;
 pub mod report;
 pub mod row;

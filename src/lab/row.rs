@@ -1,6 +1,7 @@
 //! One row of `results.csv`: one attack on one marked copy.
 
 use std::collections::BTreeSet;
+use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
@@ -81,11 +82,34 @@ pub fn to_csv(rows: &[Row]) -> Result<Vec<u8>, csv::Error> {
     writer.into_inner().map_err(|error| csv::Error::from(error.into_error()))
 }
 
-/// The rows of an earlier run.
+/// Rows written one after the other as they come, so that whatever ends a run leaves what was made.
+pub struct Journal<W: Write>(csv::Writer<W>);
+
+impl<W: Write> Journal<W> {
+    /// A journal that begins, or goes on after other rows.
+    pub fn new(file: W, goes_on: bool) -> Self {
+        Self(csv::WriterBuilder::new().has_headers(!goes_on).from_writer(file))
+    }
+
+    /// Adds rows and hands them on to the file.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn add(&mut self, rows: &[Row]) -> Result<(), csv::Error> {
+        for row in rows {
+            self.0.serialize(row)?;
+        }
+        Ok(self.0.flush()?)
+    }
+}
+
+/// The rows of an earlier run, or of its journal: a last line that was cut off is left out.
 ///
 /// # Errors
 /// When it is no CSV, or has other columns.
 pub fn from_csv(csv: &[u8]) -> Result<Vec<Row>, csv::Error> {
+    let whole = csv.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
+    let csv = csv.get(..whole).unwrap_or_default();
     csv::Reader::from_reader(csv).deserialize().collect()
 }
 

@@ -3,9 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
 
-use rayon::prelude::*;
-
 use super::grid::Experiment;
+use super::queue::in_order;
 use super::row::Row;
 use super::trial::Trial;
 use crate::formats::{Asset, FormatError, Limits};
@@ -74,6 +73,8 @@ pub struct Watch<'a> {
     pub stop: &'a (dyn Fn() -> bool + Sync),
     /// Told after each trial.
     pub progress: &'a (dyn Fn(Progress) + Sync),
+    /// Given the rows of each trial as soon as it is done, in any order.
+    pub kept: &'a (dyn Fn(&[Row]) + Sync),
 }
 
 /// What making a mark costs, in attacks; roughly, for the estimate of the time left.
@@ -133,27 +134,59 @@ impl Plan<'_> {
             known.entry((row.mark(), row.trial)).or_default().insert(&row.attack);
         }
         let all = self.open(&known);
-        let cost = |trial: &Trial<'_>| {
-            let vertices = trial.subject.asset.mesh().positions().len() as f64;
-            let attack = if trial.damage { 1.0 + COST_OF_DAMAGE } else { 1.0 };
-            vertices * (COST_OF_MARK + attack * trial.met().count() as f64)
-        };
         let total: f64 = all.iter().map(cost).sum();
         let passed = Mutex::new((0, 0.0));
-        let rows: Vec<Option<Vec<Row>>> = all
-            .par_iter()
-            .with_max_len(1)
-            .map(|trial| {
-                let rows = if (watch.stop)() { None } else { trial.run(watch.stop) }?;
-                if let Ok(mut passed) = passed.lock() {
-                    passed.0 += 1;
-                    passed.1 += cost(trial);
-                    let (done, share) = (passed.0, passed.1 / total);
-                    (watch.progress)(Progress { done, trials: all.len(), share });
-                }
-                Some(rows)
-            })
-            .collect();
-        rows.into_iter().flatten().flatten().collect()
+        let tell = |trial: &Trial<'_>, rows: &[Row]| {
+            (watch.kept)(rows);
+            if let Ok(mut passed) = passed.lock() {
+                passed.0 += 1;
+                passed.1 += cost(trial);
+                let (done, share) = (passed.0, passed.1 / total);
+                (watch.progress)(Progress { done, trials: all.len(), share });
+            }
+        };
+        let budgets = by_budget(&all);
+        let made: Vec<Vec<(usize, Vec<Row>)>> = in_order(budgets.len(), |number| {
+            let mut made: Vec<(usize, Vec<Row>)> = Vec::new();
+            for &place in &budgets[number] {
+                let trial = &all[place];
+                let same = made.last().and_then(|(_, rows)| trial.of_larger_budget(rows));
+                let run = || if (watch.stop)() { None } else { trial.run(watch.stop) };
+                let Some(rows) = same.or_else(run) else { break };
+                tell(trial, &rows);
+                made.push((place, rows));
+            }
+            made
+        });
+        let mut rows: Vec<(usize, Vec<Row>)> = made.into_iter().flatten().collect();
+        rows.sort_unstable_by_key(|(place, _)| *place);
+        rows.into_iter().flat_map(|(_, rows)| rows).collect()
     }
+}
+
+/// What a trial costs, roughly.
+fn cost(trial: &Trial<'_>) -> f64 {
+    let vertices = trial.subject.asset.mesh().positions().len();
+    let attack = if trial.damage { 1.0 + COST_OF_DAMAGE } else { 1.0 };
+    vertices as f64 * (COST_OF_MARK + attack * trial.met().count() as f64)
+}
+
+/// Places of the trials, those together that differ in nothing but their budgets, the largest
+/// first: often its mark is that of the smaller ones too.
+fn by_budget(all: &[Trial<'_>]) -> Vec<Vec<usize>> {
+    let mut places: BTreeMap<(usize, String), usize> = BTreeMap::new();
+    let mut together: Vec<Vec<usize>> = Vec::new();
+    for (place, trial) in all.iter().enumerate() {
+        let kind = trial.but_for_budget().unwrap_or_else(|| format!("{place}"));
+        let slot = *places.entry((trial.trial, kind)).or_insert(together.len());
+        match together.get_mut(slot) {
+            Some(others) => others.push(place),
+            None => together.push(vec![place]),
+        }
+    }
+    let budget = |&place: &usize| all[place].setting.budget.unwrap_or_default();
+    for places in &mut together {
+        places.sort_by(|a, b| budget(b).total_cmp(&budget(a)));
+    }
+    together
 }

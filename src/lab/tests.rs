@@ -1,11 +1,12 @@
 //! Whole runs on small generated meshes.
 
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::attacks::Attack;
 use super::grid::{Choices, Experiment, Grid, Setting};
 use super::report::{Report, galleries};
-use super::row::{Row, from_csv, merged, to_csv};
+use super::row::{Journal, Row, from_csv, merged, to_csv};
 use super::run::{Plan, Progress, Subject, Watch};
 use super::summary::{Group, groups};
 use crate::formats::Limits;
@@ -39,8 +40,39 @@ fn experiment(methods: &[Method], attacks: &[Attack]) -> Experiment {
 const ATTACKS: [Attack; 5] =
     [Attack::None, Attack::Noise(0.001), Attack::Noise(0.01), Attack::Noise(0.2), Attack::Midpoint];
 
+#[test]
+fn each_trial_is_kept_as_soon_as_it_is_done() {
+    let subjects = [subject(Sample::Blob, 4000)];
+    let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
+    let plan = Plan {
+        subjects: &subjects,
+        experiments: &experiments,
+        trials: 3,
+        seed: 1,
+        families: &[],
+        known: &[],
+    };
+    let file = Mutex::new(Vec::new());
+    let kept = |rows: &[Row]| Journal::new(&mut *file.lock().unwrap(), false).add(rows).unwrap();
+    let (first, later) = (AtomicUsize::new(0), &file);
+    let keep = |rows: &[Row]| match first.fetch_add(1, Ordering::SeqCst) {
+        0 => kept(rows),
+        _ => Journal::new(&mut *later.lock().unwrap(), true).add(rows).unwrap(),
+    };
+    // On one thread, since this test tells the first by counting.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let watch = Watch { stop: &|| false, progress: &|_| {}, kept: &keep };
+    let rows = pool.install(|| plan.run(watch));
+    let mut bytes = file.into_inner().unwrap();
+    assert!(from_csv(&bytes).unwrap() == rows);
+    // Killed while it wrote: what is whole is read.
+    bytes.truncate(bytes.len() - 7);
+    assert!(from_csv(&bytes).unwrap() == rows[..rows.len() - 1]);
+    assert_eq!(from_csv(b"").unwrap(), []);
+}
+
 fn rows_of(plan: &Plan<'_>) -> Vec<Row> {
-    plan.run(Watch { stop: &|| false, progress: &|_| {} })
+    plan.run(Watch { stop: &|| false, progress: &|_| {}, kept: &|_| {} })
 }
 
 fn find<'a>(groups: &'a [Group], attack: &Attack) -> &'a Group {
@@ -159,7 +191,7 @@ fn a_stopped_run_keeps_what_is_done() {
         done.store(progress.done, Ordering::SeqCst);
     };
     let stop = || done.load(Ordering::SeqCst) >= 2;
-    let rows = plan.run(Watch { stop: &stop, progress: &count });
+    let rows = plan.run(Watch { stop: &stop, progress: &count, kept: &|_| {} });
     assert!(rows.len() >= 2 * ATTACKS.len() && rows.len() < 12 * ATTACKS.len(), "{}", rows.len());
     assert_eq!(rows.len() % ATTACKS.len(), 0, "whole trials");
 }
@@ -183,6 +215,45 @@ fn a_budget_is_kept() {
     let mrms = rows[0].mark_mrms.unwrap();
     assert!((0.7 * budget..=budget).contains(&mrms), "{mrms:e} of {budget:e}");
     assert!(rows[0].strength_used.unwrap() < rows[0].strength);
+}
+
+/// A mark that stays within a smaller budget as it is is not made again for that.
+#[test]
+fn budgets_share_the_marks_that_they_can() {
+    let subjects = [subject(Sample::Blob, 5000)];
+    let attacks = [Attack::None, Attack::Noise(0.003)];
+    let base = experiment(&[Method::QspMean, Method::ChoMean], &attacks);
+    let with = |name, budget| {
+        let settings = base.settings.iter().map(|&s| Setting { budget: Some(budget), ..s });
+        Experiment { name, settings: settings.collect(), ..base.clone() }
+    };
+    let plan = |experiments| Plan {
+        subjects: &subjects,
+        experiments,
+        trials: 2,
+        seed: 3,
+        families: &[],
+        known: &[],
+    };
+    let free = [Experiment { name: "free", ..base.clone() }];
+    let mrms = rows_of(&plan(&free)).into_iter().filter(|r| r.method == "cho-mean");
+    let least = mrms.filter_map(|row| row.mark_mrms).fold(f64::INFINITY, f64::min);
+    // Only the first binds, and only the marks of Cho.
+    let all = [with("tight", 0.7 * least), with("loose", 3.0 * least), with("looser", 4.0 * least)];
+    let mut alone: Vec<Row> =
+        all.iter().flat_map(|e| rows_of(&plan(std::slice::from_ref(e)))).collect();
+    let mut together = rows_of(&plan(&all));
+    let order =
+        |row: &Row| (row.experiment.clone(), row.trial, row.method.clone(), row.attack.clone());
+    alone.sort_by_key(order);
+    together.sort_by_key(order);
+    assert!(alone == together);
+    let strength = |experiment: &str, method: &str| {
+        let own = |r: &&Row| r.experiment == experiment && r.method == method;
+        together.iter().find(own).unwrap().strength_used.unwrap()
+    };
+    assert!(strength("loose", "cho-mean") > strength("tight", "cho-mean"));
+    assert!((strength("tight", "qsp-mean") - strength("looser", "qsp-mean")).abs() < 1e-12);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::attacks::{Attack, Context};
+use super::attacks::{Attack, Context, Target};
 use super::grid::Setting;
 use super::measures::{Damage, Detection, damage, detect};
 use super::perceived::msdm2;
@@ -70,12 +70,13 @@ impl Trial<'_> {
             }
         };
         let perceived = self.perceived(&marked.mesh);
+        let target = Target::new(&marked.mesh);
         let mut rows = Vec::with_capacity(self.attacks.len());
         for (place, attack) in self.met() {
             if stop() {
                 return None;
             }
-            let row = self.attacked(&marked, attack, place);
+            let row = self.attacked(&marked, &target, attack, place);
             rows.push(Row { mark_perceived: perceived, ..row });
         }
         Some(rows)
@@ -92,6 +93,30 @@ impl Trial<'_> {
             .zip(self.attacks)
             .map(|(place, &attack)| (place, attack))
             .filter(move |(_, a)| wanted(a))
+    }
+
+    /// What trials that meet the same attacks share when they differ in nothing but their budgets;
+    /// `None` without one.
+    pub(super) fn but_for_budget(&self) -> Option<String> {
+        self.setting.budget?;
+        let setting = Setting { budget: None, ..self.setting };
+        Some(format!("{} {setting:?} {:?}", self.number, self.attacks))
+    }
+
+    /// The rows of this trial, if it makes the same mark as one with a larger budget did, whose rows
+    /// are given: the search for the strongest mark begins at the setting's strength, which is also
+    /// the most allowed, and ends there when that stays within the budget.
+    pub(super) fn of_larger_budget(&self, rows: &[Row]) -> Option<Vec<Row>> {
+        let budget = self.setting.budget?;
+        let strongest = |row: &Row| {
+            row.strength_used == Some(self.setting.strength.get())
+                && row.mark_mrms.is_some_and(|mrms| mrms <= budget)
+        };
+        let attacks = self.met().map(|(_, attack)| attack.to_string());
+        let same = rows.iter().all(strongest) && attacks.eq(rows.iter().map(|r| r.attack.clone()));
+        let experiment = || self.experiment.to_owned();
+        let own = |row: &Row| Row { experiment: experiment(), budget: Some(budget), ..row.clone() };
+        same.then(|| rows.iter().map(own).collect())
     }
 
     /// Key and message depend on seed, host and trial alone: settings are compared on equal terms.
@@ -143,20 +168,33 @@ impl Trial<'_> {
         })
     }
 
-    /// The mesh after an attack, which stands at `place` in the list.
+    /// What an attack, which stands at `place` in the list, leaves of a marked mesh: of the target,
+    /// which is that mesh.
     ///
     /// # Errors
     /// A text, when nothing is left.
-    pub fn attack(&self, marked: &MarkedMesh, attack: Attack, place: u64) -> Result<Mesh, String> {
-        let params = EmbedParams { strength: marked.report.strength, ..self.params() };
+    pub fn attack(
+        &self,
+        report: &MarkReport,
+        target: &Target<'_>,
+        attack: Attack,
+        place: u64,
+    ) -> Result<Mesh, String> {
+        let params = EmbedParams { strength: report.strength, ..self.params() };
         let context = Context { host: self.subject.asset.mesh(), params: &params };
         let seed = self.random(1 + place).word();
-        attack.apply(&marked.mesh, &context, seed).map_err(|error| error.to_string())
+        attack.apply(target, &context, seed).map_err(|error| error.to_string())
     }
 
-    fn attacked(&self, marked: &MarkedMesh, attack: Attack, place: u64) -> Row {
+    fn attacked(
+        &self,
+        marked: &MarkedMesh,
+        target: &Target<'_>,
+        attack: Attack,
+        place: u64,
+    ) -> Row {
         let row = self.described(marked, attack);
-        let attacked = match self.attack(marked, attack, place) {
+        let attacked = match self.attack(&marked.report, target, attack, place) {
             Ok(attacked) => attacked,
             Err(error) => return Row { error: Some(error), ..row },
         };

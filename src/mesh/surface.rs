@@ -45,24 +45,33 @@ fn has_area(a: DVec3, b: DVec3, c: DVec3) -> bool {
     doubled > (DEGENERATE * longest).powi(2)
 }
 
+/// The triangles with an area, their corners as points.
+fn with_area(
+    triangles: &[[u32; 3]],
+    point: impl Fn(u32) -> u32 + Sync,
+    at: impl Fn(u32) -> DVec3 + Sync,
+) -> Vec<[u32; 3]> {
+    let kept = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(&point);
+        let distinct = a != b && b != c && c != a;
+        (distinct && has_area(at(a), at(b), at(c))).then_some([a, b, c])
+    };
+    triangles.par_iter().with_min_len(4096).filter_map(kept).collect()
+}
+
 impl Surface {
     /// Welds, drops area-less triangles and unused points.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Self {
         let file = mesh.positions();
         let welded = weld(file);
-        let point = |v: u32| welded.point_of[v as usize];
-        let at = |p: u32| file[welded.first_vertex[p as usize] as usize];
-        let mut triangles: Vec<[u32; 3]> = mesh
-            .triangles()
-            .par_iter()
-            .with_min_len(4096)
-            .filter_map(|t| {
-                let [a, b, c] = t.map(point);
-                let distinct = a != b && b != c && c != a;
-                (distinct && has_area(at(a), at(b), at(c))).then_some([a, b, c])
-            })
-            .collect();
+        let mut triangles = if welded.first_vertex.len() == file.len() {
+            // No position stands twice: points are vertices, and nothing is looked up.
+            with_area(mesh.triangles(), |v| v, |p| file[p as usize])
+        } else {
+            let at = |p: u32| file[welded.first_vertex[p as usize] as usize];
+            with_area(mesh.triangles(), |v| welded.point_of[v as usize], at)
+        };
 
         let mut carrier_of_point = vec![NO_CARRIER; welded.first_vertex.len()];
         for &p in triangles.iter().flatten() {

@@ -6,8 +6,8 @@ use std::fmt;
 use super::crop::{Of, crop};
 use super::remesh::{Remeshing, remesh};
 use super::{
-    AttackError, collude, noise, quantise, re_mark, reorder, round_trip, similarity, simplify,
-    smooth, spikes, subdivide,
+    AttackError, Target, collude, noise, quantise, re_mark, reorder, round_trip, similarity,
+    simplify, smooth, spikes, subdivide,
 };
 use crate::lab::random::Random;
 use crate::mesh::Mesh;
@@ -82,18 +82,18 @@ impl Attack {
     /// [`AttackError`].
     pub fn apply(
         &self,
-        marked: &Mesh,
+        marked: &Target<'_>,
         context: &Context<'_>,
         seed: u64,
     ) -> Result<Mesh, AttackError> {
         match *self {
-            Self::None => Ok(marked.clone()),
+            Self::None => Ok(marked.mesh().clone()),
             Self::Noise(share) => noise::unit_vectors(marked, share, seed),
             Self::UniformNoise(amplitude) => noise::uniform_coordinates(marked, amplitude, seed),
             Self::Smooth { lambda, iterations } => {
                 smooth::laplacian(marked, lambda, usize::try_from(iterations).unwrap_or(usize::MAX))
             }
-            Self::Quantise(bits) => quantise::quantise(marked, bits),
+            Self::Quantise(bits) => quantise::quantise(marked.mesh(), bits),
             Self::Simplify(share) => simplify::simplify(marked, share),
             Self::Remesh(share) => remesh(marked, &Remeshing::to_share(share)),
             Self::Midpoint => subdivide::midpoint(marked),
@@ -102,12 +102,12 @@ impl Attack {
             Self::Sqrt3 => subdivide::sqrt3(marked),
             Self::Crop(share, of) => crop(marked, share, of, seed),
             Self::Similarity => similarity::similarity(marked, seed),
-            Self::Reorder => reorder::reorder(marked, seed),
+            Self::Reorder => reorder::reorder(marked.mesh(), seed),
             Self::StrayVertices(count) => spikes::stray_vertices(marked, count as usize, seed),
             Self::Spikes { count, height } => spikes::spikes(marked, count as usize, height, seed),
-            Self::Collude(copies) => averaged(marked, context, copies, seed),
-            Self::ReMark => re_mark::re_mark(marked, context.params, seed),
-            Self::RoundTrip => round_trip::glb_and_obj(marked),
+            Self::Collude(copies) => averaged(marked.mesh(), context, copies, seed),
+            Self::ReMark => re_mark::re_mark(marked.mesh(), context.params, seed),
+            Self::RoundTrip => round_trip::glb_and_obj(marked.mesh()),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{AttackError, compacted, share_of, surface_of};
+use super::{AttackError, Target, compacted, share_of};
 use crate::lab::random::Random;
 use crate::mesh::Mesh;
 use crate::mesh::surface::{Surface, doubled_area};
@@ -22,12 +22,12 @@ pub enum Of {
 ///
 /// # Errors
 /// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when no triangle is left.
-pub fn crop(mesh: &Mesh, share: f64, of: Of, seed: u64) -> Result<Mesh, AttackError> {
-    let surface = surface_of(mesh)?;
+pub fn crop(target: &Target<'_>, share: f64, of: Of, seed: u64) -> Result<Mesh, AttackError> {
+    let surface = target.surface()?;
     let normal = Random::new(seed).direction();
     let triangles = match of {
-        Of::Vertices => within_vertices(&surface, share, normal),
-        Of::Area => within_area(&surface, share, normal),
+        Of::Vertices => within_vertices(surface, share, normal),
+        Of::Area => within_area(surface, share, normal),
     };
     compacted(&surface.positions, triangles)
 }

@@ -22,15 +22,17 @@ pub mod simplify;
 pub mod smooth;
 pub mod spikes;
 pub mod subdivide;
+mod target;
 
 use glam::DVec3;
 
 use crate::formats::FormatError;
-use crate::mesh::surface::{NO_CARRIER, Surface};
+use crate::mesh::surface::NO_CARRIER;
 use crate::mesh::{Mesh, MeshError};
 use crate::watermark::WatermarkError;
 
 pub use attack::{Attack, Context};
+pub use target::Target;
 
 /// Why an attack leaves no mesh.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -64,22 +66,13 @@ fn share_of(count: usize, share: f64) -> usize {
 }
 
 /// The mesh with its carriers at `positions`; other vertices stay.
-fn with_carriers_at(
-    mesh: &Mesh,
-    surface: &Surface,
-    positions: &[DVec3],
-) -> Result<Mesh, AttackError> {
+fn with_carriers_at(target: &Target<'_>, positions: &[DVec3]) -> Result<Mesh, AttackError> {
+    let (mesh, surface) = (target.mesh(), target.surface()?);
     let at = |(vertex, &carrier): (&DVec3, &u32)| {
         if carrier == NO_CARRIER { *vertex } else { positions[carrier as usize] }
     };
     let moved = mesh.positions().iter().zip(&surface.carrier_of).map(at).collect();
     Ok(Mesh::new(moved, mesh.triangles().to_vec())?)
-}
-
-/// The welded surface, or an error where there is none.
-fn surface_of(mesh: &Mesh) -> Result<Surface, AttackError> {
-    let surface = Surface::new(mesh);
-    if surface.triangles.is_empty() { Err(AttackError::NoSurface) } else { Ok(surface) }
 }
 
 /// A mesh of `triangles` and those of `positions` that they use, in the old order.

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{AttackError, surface_of, with_carriers_at};
+use super::{AttackError, Target, with_carriers_at};
 use crate::lab::random::Random;
 use crate::mesh::Mesh;
 
@@ -12,9 +12,9 @@ use crate::mesh::Mesh;
 ///
 /// # Errors
 /// [`AttackError::NoSurface`].
-pub fn unit_vectors(mesh: &Mesh, share: f64, seed: u64) -> Result<Mesh, AttackError> {
+pub fn unit_vectors(target: &Target<'_>, share: f64, seed: u64) -> Result<Mesh, AttackError> {
     let mut random = Random::new(seed);
-    moved(mesh, |norms| share * norms.fold(0.0, f64::max), |size| size * random.direction())
+    moved(target, |norms| share * norms.fold(0.0, f64::max), |size| size * random.direction())
 }
 
 /// Moves every coordinate by `amplitude` times the mean distance from the centre times a number
@@ -23,23 +23,29 @@ pub fn unit_vectors(mesh: &Mesh, share: f64, seed: u64) -> Result<Mesh, AttackEr
 ///
 /// # Errors
 /// [`AttackError::NoSurface`].
-pub fn uniform_coordinates(mesh: &Mesh, amplitude: f64, seed: u64) -> Result<Mesh, AttackError> {
+pub fn uniform_coordinates(
+    target: &Target<'_>,
+    amplitude: f64,
+    seed: u64,
+) -> Result<Mesh, AttackError> {
     let mut random = Random::new(seed);
     let mean = |norms: &mut dyn Iterator<Item = f64>| {
         let (sum, count) = norms.fold((0.0, 0.0), |(sum, count), norm| (sum + norm, count + 1.0));
         amplitude * sum / count
     };
-    moved(mesh, mean, |size| size * DVec3::from_array(std::array::from_fn(|_| random.symmetric())))
+    moved(target, mean, |size| {
+        size * DVec3::from_array(std::array::from_fn(|_| random.symmetric()))
+    })
 }
 
 fn moved(
-    mesh: &Mesh,
+    target: &Target<'_>,
     size: impl FnOnce(&mut dyn Iterator<Item = f64>) -> f64,
     mut step: impl FnMut(f64) -> DVec3,
 ) -> Result<Mesh, AttackError> {
-    let surface = surface_of(mesh)?;
+    let surface = target.surface()?;
     let centre = surface.centre();
     let size = size(&mut surface.positions.iter().map(|v| v.distance(centre)));
     let positions: Vec<DVec3> = surface.positions.iter().map(|&v| v + step(size)).collect();
-    with_carriers_at(mesh, &surface, &positions)
+    with_carriers_at(target, &positions)
 }

@@ -1,9 +1,8 @@
 //! Moving, turning and scaling as a whole.
 
-use super::AttackError;
+use super::{AttackError, Target};
 use crate::lab::random::Random;
 use crate::mesh::Mesh;
-use crate::mesh::surface::Surface;
 
 /// Largest factor of the random scaling, and one over the smallest.
 const MOST_SCALED: f64 = 10.0;
@@ -14,11 +13,12 @@ const MOST_SCALED: f64 = 10.0;
 ///
 /// # Errors
 /// [`AttackError::Mesh`] when coordinates are so large that they leave the range of numbers.
-pub fn similarity(mesh: &Mesh, seed: u64) -> Result<Mesh, AttackError> {
+pub fn similarity(target: &Target<'_>, seed: u64) -> Result<Mesh, AttackError> {
+    let (mesh, surface) = (target.mesh(), target.welded());
     let mut random = Random::new(seed);
     let rotation = random.rotation();
     let scale = libm::pow(MOST_SCALED, random.symmetric());
-    let reach = 3.0 * Surface::new(mesh).diagonal() * scale;
+    let reach = 3.0 * surface.diagonal() * scale;
     let shift = glam::DVec3::from_array(std::array::from_fn(|_| reach * random.symmetric()));
     let positions = mesh.positions().iter().map(|&p| rotation * (scale * p) + shift).collect();
     Ok(Mesh::new(positions, mesh.triangles().to_vec())?)

@@ -1,6 +1,6 @@
 //! Quadric simplification.
 
-use super::{AttackError, compacted, share_of, surface_of};
+use super::{AttackError, Target, compacted, share_of};
 use crate::mesh::Mesh;
 use glam::DVec3;
 
@@ -14,8 +14,8 @@ use glam::DVec3;
 ///
 /// # Errors
 /// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when nothing is left.
-pub fn simplify(mesh: &Mesh, share: f64) -> Result<Mesh, AttackError> {
-    let surface = surface_of(mesh)?;
+pub fn simplify(target: &Target<'_>, share: f64) -> Result<Mesh, AttackError> {
+    let surface = target.surface()?;
     let (centre, scale) = (surface.centre(), surface.diagonal());
     #[expect(clippy::cast_possible_truncation, reason = "rounding to single precision is meant")]
     let single = |p: &DVec3| ((p - centre) / scale).to_array().map(|x| x as f32);

@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::edges::Edges;
-use super::{AttackError, index, surface_of, with_carriers_at};
+use super::{AttackError, Target, index, with_carriers_at};
 use crate::mesh::Mesh;
 use crate::mesh::adjacency::Adjacency;
 use crate::mesh::surface::Surface;
@@ -19,10 +19,9 @@ use crate::mesh::surface::Surface;
 ///
 /// # Errors
 /// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when a `lambda` above 1 makes it diverge.
-pub fn laplacian(mesh: &Mesh, lambda: f64, iterations: usize) -> Result<Mesh, AttackError> {
-    let surface = surface_of(mesh)?;
-    let rings = Rings::new(&surface);
-    let mut now = surface.positions.clone();
+pub fn laplacian(target: &Target<'_>, lambda: f64, iterations: usize) -> Result<Mesh, AttackError> {
+    let mut now = target.surface()?.positions.clone();
+    let rings = target.rings();
     let mut next = now.clone();
     for _ in 0..iterations {
         next.par_iter_mut().with_min_len(4096).enumerate().for_each(|(vertex, next)| {
@@ -33,25 +32,23 @@ pub fn laplacian(mesh: &Mesh, lambda: f64, iterations: usize) -> Result<Mesh, At
         });
         std::mem::swap(&mut now, &mut next);
     }
-    with_carriers_at(mesh, &surface, &now)
+    with_carriers_at(target, &now)
 }
 
 /// Per vertex, whom it is averaged with (some twice), as compressed rows.
-struct Rings {
+pub(super) struct Rings {
     starts: Vec<usize>,
     members: Vec<u32>,
 }
 
 impl Rings {
-    fn new(surface: &Surface) -> Self {
+    pub(super) fn new(surface: &Surface, edges: &Edges, around: &Adjacency) -> Self {
         let vertices = surface.positions.len();
         let mut along_border = vec![Vec::new(); vertices];
-        let edges = Edges::new(&surface.triangles);
         for [a, b] in edges.borders() {
             along_border[a as usize].push(b);
             along_border[b as usize].push(a);
         }
-        let around = Adjacency::new(vertices, &surface.triangles);
         let mut rings = Self { starts: vec![0], members: Vec::new() };
         for (vertex, border) in along_border.iter().enumerate() {
             let this = index(vertex);

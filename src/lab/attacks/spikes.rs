@@ -2,18 +2,17 @@
 
 use glam::DVec3;
 
-use super::{AttackError, surface_of, with_carriers_at};
+use super::{AttackError, Target, with_carriers_at};
 use crate::lab::random::Random;
 use crate::mesh::Mesh;
-use crate::mesh::surface::Surface;
 
 /// Adds `count` vertices that no triangle uses, up to one diagonal outside the bounding box. (The
 /// Stanford bunny comes with 1,113 unused vertices; a reader who lets them set the range is lost.)
 ///
 /// # Errors
 /// None in truth: the mesh stays one.
-pub fn stray_vertices(mesh: &Mesh, count: usize, seed: u64) -> Result<Mesh, AttackError> {
-    let surface = Surface::new(mesh);
+pub fn stray_vertices(target: &Target<'_>, count: usize, seed: u64) -> Result<Mesh, AttackError> {
+    let (mesh, surface) = (target.mesh(), target.welded());
     let (centre, reach) = (surface.centre(), 1.5 * surface.diagonal());
     let mut random = Random::new(seed);
     let mut positions = mesh.positions().to_vec();
@@ -30,8 +29,13 @@ pub fn stray_vertices(mesh: &Mesh, count: usize, seed: u64) -> Result<Mesh, Atta
 ///
 /// # Errors
 /// [`AttackError::NoSurface`].
-pub fn spikes(mesh: &Mesh, count: usize, height: f64, seed: u64) -> Result<Mesh, AttackError> {
-    let surface = surface_of(mesh)?;
+pub fn spikes(
+    target: &Target<'_>,
+    count: usize,
+    height: f64,
+    seed: u64,
+) -> Result<Mesh, AttackError> {
+    let surface = target.surface()?;
     let centre = surface.centre();
     let mut random = Random::new(seed);
     let mut positions = surface.positions.clone();
@@ -44,5 +48,5 @@ pub fn spikes(mesh: &Mesh, count: usize, height: f64, seed: u64) -> Result<Mesh,
         let base = surface.positions[vertex];
         positions[vertex] = base + height * (base - centre);
     }
-    with_carriers_at(mesh, &surface, &positions)
+    with_carriers_at(target, &positions)
 }

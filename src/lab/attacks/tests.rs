@@ -5,6 +5,7 @@ use crate::lab::attacks::crop::Of;
 use crate::lab::attacks::edges::Edges;
 use crate::lab::attacks::remesh::Remeshing;
 use crate::mesh::distortion::distortion;
+use crate::mesh::surface::Surface;
 use crate::sample::Sample;
 use crate::watermark::{EmbedParams, extract};
 
@@ -72,7 +73,7 @@ fn the_same_seed_gives_the_same_mesh_on_any_number_of_threads() {
     let params = EmbedParams { bits, ..EmbedParams::default() };
     let context = Context { host: &host, params: &params };
     for attack in ALL {
-        let attacked = || attack.apply(&host, &context, 5).unwrap();
+        let attacked = || attack.apply(&Target::new(&host), &context, 5).unwrap();
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let four = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
         let (a, b) = (one.install(attacked), four.install(attacked));
@@ -89,11 +90,11 @@ fn noise_moves_every_vertex_by_what_was_asked() {
     let largest = norms.iter().copied().fold(0.0, f64::max);
     let mean = norms.iter().sum::<f64>() / norms.len() as f64;
 
-    let noisy = noise::unit_vectors(&host, 0.01, 3).unwrap();
+    let noisy = noise::unit_vectors(&Target::new(&host), 0.01, 3).unwrap();
     for (a, b) in host.positions().iter().zip(noisy.positions()) {
         assert!((a.distance(*b) / (0.01 * largest) - 1.0).abs() < 1e-9);
     }
-    let noisy = noise::uniform_coordinates(&host, 0.01, 3).unwrap();
+    let noisy = noise::uniform_coordinates(&Target::new(&host), 0.01, 3).unwrap();
     let moves: Vec<f64> = host
         .positions()
         .iter()
@@ -119,7 +120,7 @@ fn seams_do_not_crack() {
         if matches!(attack, Attack::Collude(_) | Attack::ReMark | Attack::Crop(..)) {
             continue;
         }
-        let attacked = attack.apply(&soup, &context, 9).unwrap();
+        let attacked = attack.apply(&Target::new(&soup), &context, 9).unwrap();
         let welded = Surface::new(&attacked);
         let welded = Mesh::new(welded.positions, welded.triangles).unwrap();
         assert_eq!(topology(&welded), (2, 0), "{attack}");
@@ -136,7 +137,7 @@ fn smoothing_draws_to_the_neighbours() {
     let positions: Vec<DVec3> = std::iter::once(DVec3::Z).chain((0..6).map(rim)).collect();
     let triangles = (0..6).map(|k| [0, 1 + k, 1 + (k + 1) % 6]).collect();
     let fan = Mesh::new(positions, triangles).unwrap();
-    let smooth = smooth::laplacian(&fan, 0.25, 2).unwrap();
+    let smooth = smooth::laplacian(&Target::new(&fan), 0.25, 2).unwrap();
     assert!((smooth.positions()[0].z - 0.75 * 0.75).abs() < 1e-12);
     // (self + two neighbours at 60 degrees) / 3 is at 2/3 of the radius.
     let radius = smooth.positions()[1].length();
@@ -158,7 +159,7 @@ fn quantised_coordinates_lie_on_a_grid_of_the_asked_size() {
 fn simplification_reaches_its_share_and_stays_near() {
     let host = Sample::Knot.mesh(6000).unwrap();
     for (share, most) in [(0.1, 2e-4), (0.5, 1e-3), (0.9, 8e-3)] {
-        let less = simplify::simplify(&host, share).unwrap();
+        let less = simplify::simplify(&Target::new(&host), share).unwrap();
         let kept = less.triangles().len() as f64 / host.triangles().len() as f64;
         assert!((kept - (1.0 - share)).abs() < 1e-3, "{share}: {kept}");
         assert_eq!(topology(&less), (0, 0));
@@ -174,7 +175,7 @@ fn remeshing_gives_even_triangles_of_the_asked_number() {
     {
         let host = sample.mesh(6000).unwrap();
         for share in [1.0, 0.4] {
-            let new = remesh::remesh(&host, &Remeshing::to_share(share)).unwrap();
+            let new = remesh::remesh(&Target::new(&host), &Remeshing::to_share(share)).unwrap();
             let got = new.positions().len() as f64 / host.positions().len() as f64;
             assert!((got / share - 1.0).abs() < 0.05, "{sample} {share}: {got}");
             assert_eq!(topology(&new), (euler, 0), "{sample} {share}");
@@ -197,7 +198,7 @@ fn edge_lengths(mesh: &Mesh) -> Vec<f64> {
 #[test]
 fn remeshing_keeps_creases_and_borders() {
     let host = open_octahedron();
-    let new = remesh::remesh(&host, &Remeshing::to_share(60.0)).unwrap();
+    let new = remesh::remesh(&Target::new(&host), &Remeshing::to_share(60.0)).unwrap();
     // All edges of an octahedron are creases: its surface is reproduced.
     assert!(relative_mrms(&host, &new) < 1e-9);
     assert_eq!(topology(&new).0, 1);
@@ -206,7 +207,7 @@ fn remeshing_keeps_creases_and_borders() {
 
 #[test]
 fn subdivision_multiplies_triangles_and_keeps_the_topology() {
-    type Scheme = fn(&Mesh) -> Result<Mesh, AttackError>;
+    type Scheme = fn(&Target<'_>) -> Result<Mesh, AttackError>;
     let schemes: [(&str, Scheme, usize, f64); 4] = [
         ("midpoint", subdivide::midpoint, 4, 1e-12),
         ("butterfly", subdivide::butterfly, 4, 2e-3),
@@ -215,7 +216,7 @@ fn subdivision_multiplies_triangles_and_keeps_the_topology() {
     ];
     for (name, scheme, times, most) in schemes {
         let (host, open) = (blob(), open_octahedron());
-        let finer = scheme(&host).unwrap();
+        let finer = scheme(&Target::new(&host)).unwrap();
         assert_eq!(finer.triangles().len(), times * host.triangles().len(), "{name}");
         assert_eq!(topology(&finer), (2, 0), "{name}");
         let mrms = relative_mrms(&host, &finer);
@@ -226,7 +227,7 @@ fn subdivision_multiplies_triangles_and_keeps_the_topology() {
             m.triangles().iter().map(corner).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum()
         };
         assert!((volume(&finer) / volume(&host) - 1.0).abs() < 0.02, "{name}");
-        let finer = scheme(&open).unwrap();
+        let finer = scheme(&Target::new(&open)).unwrap();
         assert_eq!(topology(&finer).0, 1, "{name}");
     }
 }
@@ -234,7 +235,7 @@ fn subdivision_multiplies_triangles_and_keeps_the_topology() {
 #[test]
 fn interpolating_schemes_keep_old_vertices_and_planes() {
     let host = blob();
-    let finer = subdivide::butterfly(&host).unwrap();
+    let finer = subdivide::butterfly(&Target::new(&host)).unwrap();
     assert_eq!(finer.positions()[..host.positions().len()], *host.positions());
     // A regular plane stays one under every scheme: the inside of a grid.
     let n = 8_u32;
@@ -247,7 +248,7 @@ fn interpolating_schemes_keep_old_vertices_and_planes() {
     });
     let plane = Mesh::new(positions.collect(), triangles.collect()).unwrap();
     for scheme in [subdivide::butterfly, subdivide::loop_scheme, subdivide::sqrt3] {
-        let finer = scheme(&plane).unwrap();
+        let finer = scheme(&Target::new(&plane)).unwrap();
         let middle = DVec3::new(3.5, 3.5, 0.0);
         let spacing = if finer.positions().len() > 200 { 0.5 } else { 1.0 / 3.0 };
         for p in finer.positions().iter().filter(|p| p.distance(middle) < 2.0) {
@@ -261,18 +262,18 @@ fn interpolating_schemes_keep_old_vertices_and_planes() {
 fn cropping_takes_the_share_away_on_one_side() {
     let host = Sample::Knot.mesh(5000).unwrap();
     for share in [0.1, 0.5, 0.9] {
-        let cut = crop::crop(&host, share, Of::Vertices, 11).unwrap();
+        let cut = crop::crop(&Target::new(&host), share, Of::Vertices, 11).unwrap();
         let kept = cut.positions().len() as f64 / host.positions().len() as f64;
         assert!((kept - (1.0 - share)).abs() < 0.03, "{share}: {kept}");
         let area = |m: &Mesh| -> f64 {
             let corners = m.triangles().iter().map(|t| t.map(|v| m.positions()[v as usize]));
             corners.map(|[a, b, c]| (b - a).cross(c - a).length()).sum()
         };
-        let cut = crop::crop(&host, share, Of::Area, 11).unwrap();
+        let cut = crop::crop(&Target::new(&host), share, Of::Area, 11).unwrap();
         let kept = area(&cut) / area(&host);
         assert!((kept - (1.0 - share)).abs() < 1e-3, "{share}: {kept}");
     }
-    assert!(crop::crop(&host, 1.0, Of::Vertices, 1).is_err());
+    assert!(crop::crop(&Target::new(&host), 1.0, Of::Vertices, 1).is_err());
 }
 
 #[test]
@@ -288,14 +289,16 @@ fn what_changes_no_distance_ratio_changes_no_bit() {
     let harmless =
         [Attack::Similarity, Attack::Reorder, Attack::StrayVertices(50), Attack::RoundTrip];
     for attack in harmless {
-        let attacked = attack.apply(&marked, &context, 2).unwrap();
+        let attacked = attack.apply(&Target::new(&marked), &context, 2).unwrap();
         let found = extract(&attacked, &key, params.bits, params.method.modulation()).unwrap();
         let wrong = found.bits.iter().zip(message.bits());
         let wrong = wrong.filter(|(read, meant)| read.is_some_and(|bit| bit != **meant)).count();
         assert_eq!(wrong, 0, "{attack}");
     }
     // The farthest point pulled out spoils the blind reader's range.
-    let spiked = Attack::Spikes { count: 1, height: 0.05 }.apply(&marked, &context, 2).unwrap();
+    let spiked = Attack::Spikes { count: 1, height: 0.05 }
+        .apply(&Target::new(&marked), &context, 2)
+        .unwrap();
     let found = extract(&spiked, &key, params.bits, params.method.modulation()).unwrap();
     let right = found.bits.iter().zip(message.bits()).filter(|(r, m)| **r == Some(**m)).count();
     assert!(right < 56, "{right}");
@@ -304,7 +307,7 @@ fn what_changes_no_distance_ratio_changes_no_bit() {
 #[test]
 fn copies_average_to_their_middle_and_strangers_do_not() {
     let host = blob();
-    let noisy = noise::unit_vectors(&host, 0.01, 1).unwrap();
+    let noisy = noise::unit_vectors(&Target::new(&host), 0.01, 1).unwrap();
     let mean = collude::average(&[&host, &noisy, &noisy, &host]).unwrap();
     for ((a, b), m) in host.positions().iter().zip(noisy.positions()).zip(mean.positions()) {
         assert!(a.midpoint(*b).distance(*m) < 1e-12);

@@ -5,7 +5,7 @@
 use rayon::prelude::*;
 
 use crate::lab::attacks::re_mark::{key_and_message, mark};
-use crate::lab::attacks::{Attack, Context};
+use crate::lab::attacks::{Attack, Context, Target};
 use crate::lab::random::Random;
 use crate::mesh::Mesh;
 use crate::watermark::{BitCount, Codeword, EmbedParams, Method, Modulation, SoftBits, Suspect};
@@ -60,7 +60,7 @@ pub fn rehearse(
         if stop() || !is_rehearsed(attack) {
             return None;
         }
-        let attacked = attack.apply(&marked, &context, SEED ^ place).ok()?;
+        let attacked = attack.apply(&Target::new(&marked), &context, SEED ^ place).ok()?;
         bound(&attacked, &codeword, params.bits, modulation)
     };
     let numbered: Vec<(u64, &Attack)> = (1..).zip(attacks).collect();

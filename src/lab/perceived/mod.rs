@@ -91,7 +91,7 @@ fn one_sided(a: &Shape<'_>, b: &Shape<'_>) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lab::attacks::{noise, smooth};
+    use crate::lab::attacks::{Target, noise, smooth};
     use crate::mesh::Mesh;
     use crate::sample::Sample;
 
@@ -103,7 +103,8 @@ mod tests {
     fn nothing_is_nothing_and_more_is_more() {
         let host = Sample::Blob.mesh(4000).unwrap();
         assert!(between(&host, &host) < 1e-9);
-        let noisy = [0.0005, 0.002, 0.01].map(|s| noise::unit_vectors(&host, s, 1).unwrap());
+        let noisy =
+            [0.0005, 0.002, 0.01].map(|s| noise::unit_vectors(&Target::new(&host), s, 1).unwrap());
         let [weak, middle, strong] = noisy.each_ref().map(|mesh| between(&host, mesh));
         assert!(
             0.01 < weak && weak < middle && middle < strong && strong < 1.0,
@@ -115,7 +116,7 @@ mod tests {
     #[test]
     fn size_and_place_do_not_matter() {
         let host = Sample::Blob.mesh(3000).unwrap();
-        let noisy = noise::unit_vectors(&host, 0.002, 1).unwrap();
+        let noisy = noise::unit_vectors(&Target::new(&host), 0.002, 1).unwrap();
         let moved = |mesh: &Mesh| {
             let positions = mesh.positions().iter().map(|p| 40.0 * *p + DVec3::splat(3.0));
             Mesh::new(positions.collect(), mesh.triangles().to_vec()).unwrap()
@@ -128,9 +129,9 @@ mod tests {
     #[test]
     fn rough_parts_mask() {
         let smooth = Sample::Blob.mesh(6000).unwrap();
-        let rough = noise::unit_vectors(&smooth, 0.01, 5).unwrap();
+        let rough = noise::unit_vectors(&Target::new(&smooth), 0.01, 5).unwrap();
         let changed = |mesh: &Mesh| {
-            let steps = noise::unit_vectors(&smooth, 0.001, 2).unwrap();
+            let steps = noise::unit_vectors(&Target::new(&smooth), 0.001, 2).unwrap();
             let moved = mesh
                 .positions()
                 .iter()
@@ -142,7 +143,7 @@ mod tests {
         let masked = between(&rough, &changed(&rough));
         assert!(masked < 0.8 * seen, "{masked} against {seen}");
         // Smoothing a rough surface shows.
-        let smoothed = smooth::laplacian(&rough, 0.5, 5).unwrap();
+        let smoothed = smooth::laplacian(&Target::new(&rough), 0.5, 5).unwrap();
         assert!(between(&rough, &smoothed) > masked);
     }
 }

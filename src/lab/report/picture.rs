@@ -6,7 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::raster::{SIZE, View, draw};
-use crate::lab::attacks::Attack;
+use crate::lab::attacks::{Attack, Target};
 use crate::lab::grid::Experiment;
 use crate::lab::run::{Plan, Subject};
 use crate::lab::trial::Trial;
@@ -83,9 +83,10 @@ fn gallery(
         if k > 0 {
             continue;
         }
+        let target = Target::new(&marked.mesh);
         for (place, attack) in trial.met() {
             if strongest(trial.attacks, attack)
-                && let Ok(mesh) = trial.attack(&marked, attack, place)
+                && let Ok(mesh) = trial.attack(&marked.report, &target, attack, place)
             {
                 pictures.push(heated(&mesh, &view, &surface, diagonal, &attack.to_string()));
             }

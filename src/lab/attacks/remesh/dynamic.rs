@@ -37,7 +37,7 @@ pub struct Wing {
 }
 
 impl Dynamic {
-    pub fn new(surface: &Surface, crease_degrees: f64) -> Self {
+    pub fn new(surface: &Surface, edges: &Edges, crease_degrees: f64) -> Self {
         let vertices = surface.positions.len();
         let mut this = Self {
             positions: surface.positions.clone(),
@@ -53,12 +53,11 @@ impl Dynamic {
                 this.below[vertex as usize] = t;
             }
         }
-        this.find_features(crease_degrees.to_radians());
+        this.find_features(edges, crease_degrees.to_radians());
         this
     }
 
-    fn find_features(&mut self, crease: f64) {
-        let edges = Edges::new(&self.triangles);
+    fn find_features(&mut self, edges: &Edges, crease: f64) {
         for (edge, &[a, b]) in edges.ends.iter().enumerate() {
             let feature = match edges.inner_sides(edge, &self.triangles) {
                 Some(sides) => {

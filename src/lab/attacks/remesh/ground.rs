@@ -16,7 +16,7 @@ const MOST_STEPS: usize = 256;
 /// A surface and the triangles around its vertices.
 pub struct Ground<'a> {
     surface: &'a Surface,
-    around: Adjacency,
+    around: &'a Adjacency,
 }
 
 /// A place on a surface.
@@ -29,8 +29,7 @@ pub struct Foot {
 }
 
 impl<'a> Ground<'a> {
-    pub fn new(surface: &'a Surface) -> Self {
-        let around = Adjacency::new(surface.positions.len(), &surface.triangles);
+    pub fn new(surface: &'a Surface, around: &'a Adjacency) -> Self {
         Self { surface, around }
     }
 
@@ -80,7 +79,8 @@ mod tests {
     fn downhill_from_nearby_leads_to_the_nearest_place() {
         for sample in Sample::ALL {
             let surface = Surface::new(&sample.mesh(5_000).unwrap());
-            let (ground, all) = (Ground::new(&surface), Closest::new(&surface).unwrap());
+            let around = Adjacency::new(surface.positions.len(), &surface.triangles);
+            let (ground, all) = (Ground::new(&surface, &around), Closest::new(&surface).unwrap());
             let mut same = 0;
             for (number, &[a, b, c]) in (0..).zip(&surface.triangles) {
                 let start = ground.around.around(a as usize)[number % 2];

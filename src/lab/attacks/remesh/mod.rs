@@ -4,7 +4,7 @@ mod dynamic;
 mod ground;
 mod passes;
 
-use super::{AttackError, surface_of};
+use super::{AttackError, Target};
 use crate::mesh::Mesh;
 use dynamic::Dynamic;
 use ground::Ground;
@@ -46,11 +46,11 @@ const CORRECTION: f64 = 0.35;
 ///
 /// # Errors
 /// [`AttackError::NoSurface`], or [`AttackError::Mesh`] when nothing is left.
-pub fn remesh(mesh: &Mesh, how: &Remeshing) -> Result<Mesh, AttackError> {
-    let surface = surface_of(mesh)?;
-    let old = Ground::new(&surface);
+pub fn remesh(target: &Target<'_>, how: &Remeshing) -> Result<Mesh, AttackError> {
+    let surface = target.surface()?;
+    let old = Ground::new(surface, target.around());
     let goal_count = (how.share * surface.positions.len() as f64).max(4.0);
-    let mut now = Dynamic::new(&surface, how.crease_degrees);
+    let mut now = Dynamic::new(surface, target.edges(), how.crease_degrees);
     // Two triangles of area sqrt(3)/4 l^2 per vertex.
     let mut length = (2.0 * now.area() / (3_f64.sqrt() * goal_count)).sqrt();
     for _ in 0..how.rounds {

@@ -6,7 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::edges::{Edges, corner, opposite};
-use super::super::{AttackError, surface_of};
+use super::super::{AttackError, Target};
 use super::{in_four, middle};
 use crate::mesh::Mesh;
 use crate::mesh::adjacency::Adjacency;
@@ -22,18 +22,16 @@ use crate::mesh::surface::Surface;
 ///
 /// # Errors
 /// As [`midpoint`](super::midpoint).
-pub fn butterfly(mesh: &Mesh) -> Result<Mesh, AttackError> {
-    let surface = surface_of(mesh)?;
-    let edges = Edges::new(&surface.triangles);
-    let around = Adjacency::new(surface.positions.len(), &surface.triangles);
-    let border = border_neighbours(&surface, &edges);
-    let scheme = Scheme { surface: &surface, edges: &edges, around: &around, border: &border };
+pub fn butterfly(target: &Target<'_>) -> Result<Mesh, AttackError> {
+    let (surface, edges, around) = (target.surface()?, target.edges(), target.around());
+    let border = border_neighbours(surface, edges);
+    let scheme = Scheme { surface, edges, around, border: &border };
     let new = (0..edges.ends.len())
         .into_par_iter()
         .with_min_len(4096)
         .map_init(Vec::new, |ring, edge| scheme.new_vertex(edge, ring))
         .collect();
-    in_four(&surface, &edges, surface.positions.clone(), new)
+    in_four(surface, edges, surface.positions.clone(), new)
 }
 
 /// Per vertex its two neighbours along the border, where there are just two.

@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::edges::{Edges, opposite};
-use super::{AttackError, index, surface_of};
+use super::{AttackError, Target, index};
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
 
@@ -22,12 +22,11 @@ pub use sqrt3::sqrt3;
 ///
 /// # Errors
 /// [`AttackError::NoSurface`], or [`AttackError::Mesh`] when the result is too large.
-pub fn midpoint(mesh: &Mesh) -> Result<Mesh, AttackError> {
-    let surface = surface_of(mesh)?;
-    let edges = Edges::new(&surface.triangles);
+pub fn midpoint(target: &Target<'_>) -> Result<Mesh, AttackError> {
+    let (surface, edges) = (target.surface()?, target.edges());
     let old = surface.positions.clone();
-    let new = edges.ends.iter().map(|ends| middle(&surface, *ends)).collect();
-    in_four(&surface, &edges, old, new)
+    let new = edges.ends.iter().map(|ends| middle(surface, *ends)).collect();
+    in_four(surface, edges, old, new)
 }
 
 /// Loop's scheme (C. Loop, *Smooth subdivision surfaces based on triangles*, 1987): as
@@ -36,23 +35,22 @@ pub fn midpoint(mesh: &Mesh) -> Result<Mesh, AttackError> {
 ///
 /// # Errors
 /// As [`midpoint`].
-pub fn loop_scheme(mesh: &Mesh) -> Result<Mesh, AttackError> {
-    let surface = surface_of(mesh)?;
-    let edges = Edges::new(&surface.triangles);
+pub fn loop_scheme(target: &Target<'_>) -> Result<Mesh, AttackError> {
+    let (surface, edges) = (target.surface()?, target.edges());
     let at = |v: u32| surface.positions[v as usize];
     let new_vertex = |edge: usize| {
         let ends = edges.ends[edge];
         match edges.inner_sides(edge, &surface.triangles) {
             Some(sides) => {
                 let [c, d] = sides.map(|side| at(opposite(&surface.triangles, side)));
-                0.75 * middle(&surface, ends) + 0.125 * (c + d)
+                0.75 * middle(surface, ends) + 0.125 * (c + d)
             }
-            None => middle(&surface, ends),
+            None => middle(surface, ends),
         }
     };
     let new = (0..edges.ends.len()).map(new_vertex).collect();
-    let old = loop_vertices(&surface, &edges);
-    in_four(&surface, &edges, old, new)
+    let old = loop_vertices(surface, edges);
+    in_four(surface, edges, old, new)
 }
 
 /// What a vertex sees along its edges.

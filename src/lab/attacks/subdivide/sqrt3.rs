@@ -4,8 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::super::edges::Edges;
-use super::super::{AttackError, index, surface_of};
+use super::super::{AttackError, Target, index};
 use super::{Ring, rings};
 use crate::mesh::Mesh;
 
@@ -15,9 +14,8 @@ use crate::mesh::Mesh;
 ///
 /// # Errors
 /// As [`midpoint`](super::midpoint).
-pub fn sqrt3(mesh: &Mesh) -> Result<Mesh, AttackError> {
-    let surface = surface_of(mesh)?;
-    let edges = Edges::new(&surface.triangles);
+pub fn sqrt3(target: &Target<'_>) -> Result<Mesh, AttackError> {
+    let (surface, edges) = (target.surface()?, target.edges());
     let smoothed = |(&v, [inner, border]): (&DVec3, &[Ring; 2])| {
         if border.count > 0 {
             return v;
@@ -27,7 +25,7 @@ pub fn sqrt3(mesh: &Mesh) -> Result<Mesh, AttackError> {
         (1.0 - alpha) * v + alpha * inner.sum / n
     };
     let mut positions: Vec<DVec3> =
-        surface.positions.iter().zip(&rings(&surface, &edges)).map(smoothed).collect();
+        surface.positions.iter().zip(&rings(surface, edges)).map(smoothed).collect();
     let first = positions.len();
     let at = |v: u32| surface.positions[v as usize];
     positions.extend(surface.triangles.iter().map(|&[a, b, c]| (at(a) + at(b) + at(c)) / 3.0));
