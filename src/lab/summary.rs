@@ -51,6 +51,8 @@ pub struct Group {
     pub log10_bound_in_place: f64,
     /// Share of trials that match blind or in the host's frame, two hypotheses counted.
     pub matches_in_place: f64,
+    /// Vertices of the host.
+    pub vertices: usize,
     /// Bounding-box diagonal of the host.
     pub diagonal: f64,
     /// Mean strength used.
@@ -59,6 +61,8 @@ pub struct Group {
     pub fell_back: usize,
     /// Mean MRMS of the mark, a share of the diagonal.
     pub mark_mrms: f64,
+    /// Standard deviation of that over trials.
+    pub mark_mrms_deviation: f64,
     /// Mean Hausdorff distance of the mark.
     pub mark_hausdorff: f64,
     /// Mean turn of normals by the mark, in degrees.
@@ -101,6 +105,8 @@ fn group(rows: &[&Row], threshold: f64) -> Option<Group> {
     let share = |holds: &dyn Fn(&Row) -> bool| mean(&|row| Some(f64::from(u8::from(holds(row)))));
     let detection_ratio = mean(&|row| row.detection_ratio);
     let variance = mean(&|row| row.detection_ratio.map(|r| (r - detection_ratio).powi(2)));
+    let mark_mrms = mean(&|row| row.mark_mrms);
+    let mrms_variance = mean(&|row| row.mark_mrms.map(|mrms| (mrms - mark_mrms).powi(2)));
     let read_wrong = |row: &Row| {
         Some((row.bits_wrong? as f64 + 0.5 * row.bits_erased? as f64) / row.bits as f64)
     };
@@ -135,10 +141,12 @@ fn group(rows: &[&Row], threshold: f64) -> Option<Group> {
         matches_in_place: share(&|row| {
             below(row.log10_bound, stricter) || below(row.log10_bound_in_place, stricter)
         }),
+        vertices: first.vertices,
         diagonal: first.diagonal,
         strength_used: mean(&|row| row.strength_used),
         fell_back: made.iter().filter(|row| row.method_used.as_ref() != Some(&row.method)).count(),
-        mark_mrms: mean(&|row| row.mark_mrms),
+        mark_mrms,
+        mark_mrms_deviation: mrms_variance.sqrt(),
         mark_hausdorff: mean(&|row| row.mark_hausdorff),
         mark_normal_deviation: mean(&|row| row.mark_normal_deviation),
         mark_flipped: mean(&|row| row.mark_flipped.map(|n| n as f64 / row.triangles as f64)),

@@ -9,8 +9,11 @@ mod paper;
 mod picture;
 mod plot;
 mod raster;
+mod reasons;
 mod table;
 mod tables;
+#[cfg(test)]
+mod test_support;
 
 use std::fmt::Write as _;
 
@@ -46,7 +49,8 @@ pub struct Report<'a> {
 const STYLE: &str = "body{font:15px/1.45 sans-serif;color:#222;background:#fff;max-width:1500px;\
     margin:2em auto;padding:0 1em}h1{font-size:1.5em}h2{margin-top:2em;border-bottom:1px solid \
     #ccc}table{border-collapse:collapse;font-size:13px}td,th{border:1px solid #ccc;padding:3px \
-    7px;text-align:left;white-space:nowrap}th{background:#f3f3f3}.wide{overflow-x:auto}.note{\
+    7px;text-align:left;white-space:nowrap}th{background:#f3f3f3}td.long{white-space:\
+    normal;min-width:26em;max-width:60em}.wide{overflow-x:auto}.note{\
     color:#555;font-size:13px;max-width:80ch}.row{display:flex;flex-wrap:wrap;gap:14px}figure{\
     margin:0}figcaption{font-size:12px;max-width:340px;color:#444}img{width:340px;height:340px;\
     border:1px solid #eee}";

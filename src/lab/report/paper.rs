@@ -1,5 +1,8 @@
 //! What others printed, to stand beside what was measured.
 
+/// Vertices of the meshes of Luo and Bors 2009, section 5.
+const VERTICES: [(&str, usize); 3] = [("bunny", 35_947), ("gear", 231_703), ("dragon", 437_645)];
+
 /// Table 1 of Luo and Bors 2009: MRMS x 10^-4 in the meshes' own unit. Columns: `qsp-mean`,
 /// `qsp-var`, `cho-mean`, `cho-var`.
 const TABLE_1: [(&str, [f64; 4]); 3] = [
@@ -22,6 +25,13 @@ fn in_table(table: &[(&str, [f64; 4])], mesh: &str, method: &str) -> Option<f64>
     let column = METHODS.iter().position(|&name| name == method)?;
     let (_, row) = table.iter().find(|(name, _)| mesh.to_lowercase().starts_with(name))?;
     row.get(column).copied()
+}
+
+/// Vertices of the paper's mesh, for files named after one.
+#[must_use]
+pub fn vertices(mesh: &str) -> Option<usize> {
+    let named = |(name, _): &&(&str, usize)| mesh.to_lowercase().starts_with(name);
+    VERTICES.iter().find(named).map(|(_, count)| *count)
 }
 
 /// The paper's Table 1, for files named after its meshes.
@@ -77,6 +87,7 @@ mod tests {
 
     #[test]
     fn what_was_printed_is_found_by_mesh_and_method() {
+        assert_eq!(vertices("Gear_x"), Some(231_703));
         assert_eq!(mrms("bunny", "cho-var"), Some(0.37));
         assert_eq!(mrms("gear_involute_g7", "qsp-mean"), Some(447.58));
         assert_eq!(mrms("horse", "qsp-mean"), None);

@@ -25,6 +25,9 @@ impl Cell {
     }
 }
 
+/// Letters of a cell beyond which it is a text and is broken into lines.
+const LONG: usize = 60;
+
 /// A table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
@@ -56,7 +59,8 @@ impl Table {
                 let style = cell.merit.map_or_else(String::new, |merit| {
                     format!(" style=\"background:hsl({:.0} 70% 88%)\"", 120.0 * merit)
                 });
-                let _ = write!(html, "<td{style}>{}</td>", escaped(&cell.text));
+                let class = if cell.text.chars().count() > LONG { " class=\"long\"" } else { "" };
+                let _ = write!(html, "<td{class}{style}>{}</td>", escaped(&cell.text));
             }
             html.push_str("</tr>\n");
         }

@@ -1,8 +1,8 @@
 //! Which tables a report shows.
 
 use super::claims::claims;
-use super::paper;
 use super::table::{Cell, Table};
+use super::{paper, reasons};
 use crate::lab::grid::Grid;
 use crate::lab::summary::Group;
 
@@ -89,10 +89,19 @@ fn percent(share: f64, digits: usize) -> String {
 /// Table 1 of the paper: MRMS in the meshes' unit.
 fn table_1(groups: &[Group]) -> Option<Table> {
     let own: Vec<&Group> = groups.iter().filter(|g| g.experiment == "table 1").collect();
-    let head = ["mesh", "method", "MRMS x 10^-4", "paper", "ours / paper", "% of the diagonal"];
+    let head = [
+        "mesh",
+        "method",
+        "MRMS x 10^-4",
+        "paper",
+        "ours / paper",
+        "% of the diagonal",
+        "why they differ",
+    ];
     let row = |g: &&Group| {
         let ours = 1e4 * g.mark_mrms * g.diagonal;
         let theirs = paper::mrms(&g.mesh, &g.method);
+        let why = theirs.zip(paper::vertices(&g.mesh));
         vec![
             Cell::plain(g.mesh.clone()),
             Cell::plain(label(g, &own)),
@@ -100,16 +109,12 @@ fn table_1(groups: &[Group]) -> Option<Table> {
             Cell::plain(theirs.map_or_else(String::new, |t| format!("{t:.2}"))),
             Cell::plain(theirs.map_or_else(String::new, |t| format!("{:.2}", ours / t))),
             Cell::plain(percent(g.mark_mrms, 4)),
+            Cell::plain(why.map_or_else(String::new, |(t, n)| reasons::of_distortion(g, t, n))),
         ]
     };
     (!own.is_empty()).then(|| Table {
         title: "Table 1 of the paper: distortion of the mark, single pass".into(),
-        note: "MRMS as Metro samples it, in the mesh's own unit. The paper's gear is another file \
-               than any that is published: compare its ratios between methods, not its sizes. The \
-               rest of the difference is keys and messages, which decide which vertices move and \
-               how far, and the paper's misprinted centre and trim, for which the readings that \
-               come nearest to its figures were taken."
-            .into(),
+        note: "MRMS as Metro samples it, in the mesh's own unit.".into(),
         head: head.map(str::to_owned).to_vec(),
         rows: own.iter().map(row).collect(),
     })
@@ -122,40 +127,46 @@ fn table_2(groups: &[Group]) -> Option<Table> {
         .iter()
         .filter(|g| g.experiment.contains("table 2") && families.contains(&g.family.as_str()))
         .collect();
+    let single_pass = |of: &Group| {
+        let same = |g: &&Group| {
+            g.experiment == "table 1" && g.mesh == of.mesh && g.method == of.method && g.trials > 0
+        };
+        groups.iter().find(same).map(|g| g.detection_ratio)
+    };
     let cell = |g: &Group| {
         let paper = paper::subdivided(&g.mesh, &g.method, &g.family);
         let paper = paper.map_or_else(String::new, |p| format!(" (paper {p})"));
         Cell::rated(format!("{:.3}{paper}", g.detection_ratio), 2.0 * g.detection_ratio - 1.0)
     };
+    let why = |g: &Group| {
+        let paper = paper::subdivided(&g.mesh, &g.method, &g.family)?;
+        let reason = reasons::of_ratio(g, paper, single_pass(g));
+        let more = g.detection_ratio - paper;
+        (!reason.is_empty()).then(|| format!("{} {more:+.2}: {reason}", g.family))
+    };
     let mut rows = Vec::new();
     for mesh in distinct(own.iter().map(|g| g.mesh.as_str())) {
         for name in distinct(own.iter().map(|g| label(g, &own))) {
+            let found = families.map(|family| {
+                own.iter().find(|g| {
+                    g.mesh == mesh && g.family == family && label(g, &own) == name && g.trials > 0
+                })
+            });
             let mut row = vec![Cell::plain(mesh), Cell::plain(name.clone())];
-            row.extend(families.map(|family| {
-                let found = own
-                    .iter()
-                    .find(|g| g.mesh == mesh && g.family == family && label(g, &own) == name);
-                found.map_or_else(Cell::default, |g| cell(g))
-            }));
+            row.extend(found.iter().map(|g| g.map_or_else(Cell::default, |g| cell(g))));
+            let reasons: Vec<String> = found.iter().flatten().filter_map(|g| why(g)).collect();
+            row.push(Cell::plain(reasons.join("; ")));
             rows.push(row);
         }
     }
     (!rows.is_empty()).then(|| Table {
         title: "Table 2 of the paper: detection ratio after subdivision".into(),
-        note:
-            "Closed loop: every bit is right before the attack; the paper embeds in a single pass. \
-               Its low figures for Loop on the bunny stay unexplained. Tried (benches/gaps.rs): \
-               single pass or closed loop, one step or two, read in the suspect's own frame, with \
-               the host's range, about the host's centre or both: all of them leave far more bits \
-               than the paper has. Only the bunny has borders and unused vertices, which the \
-               paper's program may treat otherwise; that was not tried. Its ones for the variance \
-               methods on bunny and gear are better than ours: new vertices on edges across bins \
-               thin their margins, in every frame. After butterfly subdivision of the dragon 33 of \
-               50 qsp-mean marks keep every bit and the others lose most, blindly, and in the \
-               host's frame none of them does: QSP turns triangles over there, beside which the \
-               scheme's negative weights throw vertices out, and the range of norms with them."
-                .into(),
-        head: ["mesh", "method", "butterfly", "Loop", "midpoint"].map(str::to_owned).to_vec(),
+        note: "Closed loop: every bit is right before the attack; the paper embeds in a single \
+               pass. Differences below 0.03 count as none."
+            .into(),
+        head: ["mesh", "method", "butterfly", "Loop", "midpoint", "where they differ, why"]
+            .map(str::to_owned)
+            .to_vec(),
         rows,
     })
 }
