@@ -250,6 +250,6 @@ mod tests {
         let table = claims(&[of("qsp-mean", 0.9), of("qsp-var", 0.7)]).unwrap();
         let level = table.rows.last().unwrap();
         assert_eq!(level[3].text, "no");
-        assert!(level[2].text.starts_with("qsp-var") && level[4].text.contains("own frame"));
+        assert!(level[2].text.starts_with("qsp-var") && level[4].text.starts_with("the frame"));
     }
 }
