@@ -1,5 +1,6 @@
-//! Why some of our figures differ from those of Luo and Bors 2009: what Loop subdivision and strong
-//! simplification leave of a mark, by how it was made and by the frame in which it is read.
+//! Why some of our figures differ from those of Luo and Bors 2009: what subdivision, strong
+//! simplification, coarse grids and noise leave of a mark, by how it was made and by the frame in
+//! which it is read.
 //!
 //! ```sh
 //! cargo bench --bench gaps -- FILE... [--keys N]
@@ -13,7 +14,7 @@
 
 use quadmark::formats::{Asset, Limits};
 use quadmark::lab::attacks::re_mark::{key_and_message, mark};
-use quadmark::lab::attacks::{Attack, Context};
+use quadmark::lab::attacks::{Attack, Context, Target};
 use quadmark::lab::random::Random;
 use quadmark::mesh::Mesh;
 use quadmark::watermark::{Codeword, EmbedParams, Frame, Method, Strength, Suspect};
@@ -45,9 +46,12 @@ fn main() {
 }
 
 /// An attack, how often, and its name.
-const ATTACKS: [(Attack, usize, &str); 6] = [
+const ATTACKS: [(Attack, usize, &str); 9] = [
     (Attack::None, 1, "nothing"),
     (Attack::Midpoint, 1, "midpoint"),
+    (Attack::Butterfly, 1, "butterfly"),
+    (Attack::Quantise(8), 1, "8 bits"),
+    (Attack::Noise(0.004), 1, "noise 0.4 %"),
     (Attack::Loop, 1, "Loop"),
     (Attack::Loop, 2, "Loop twice"),
     (Attack::Smooth { lambda: 0.5, iterations: 3 }, 1, "smoothed thrice"),
@@ -66,7 +70,7 @@ fn look(host: &Mesh, params: &EmbedParams, keys: u64) {
         for ((attack, times, _), sums) in ATTACKS.iter().zip(&mut sums) {
             let mut mesh = marked.clone();
             for _ in 0..*times {
-                mesh = attack.apply(&mesh, &context, seed).expect("a mesh");
+                mesh = attack.apply(&Target::new(&mesh), &context, seed).expect("a mesh");
             }
             for (sum, value) in sums.iter_mut().zip(seen(&mesh, &codeword, params, frame)) {
                 *sum += value;
