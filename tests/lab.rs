@@ -47,12 +47,30 @@ fn a_run_leaves_rows_a_summary_and_a_page_that_stands_alone() {
 }
 
 #[cfg(unix)]
+fn lines(path: &Path) -> usize {
+    fs::read_to_string(path).map_or(0, |text| text.lines().count())
+}
+
+/// Until a run has more than so many rows; a minute at most.
+#[cfg(unix)]
+fn wait_for_rows(folder: &Path, count: usize) {
+    let enough = || lines(&folder.join("out/unfinished.csv")) > count;
+    for _ in 0..600 {
+        std::thread::sleep(Duration::from_millis(100));
+        if enough() {
+            break;
+        }
+    }
+    assert!(enough(), "no {count} rows in a minute");
+}
+
+#[cfg(unix)]
 #[test]
 fn ctrl_c_keeps_what_is_done() {
     let folder = tempfile::tempdir().unwrap();
     sample(folder.path());
     let mut running = lab(folder.path(), "100000").stderr(Stdio::null()).spawn().unwrap();
-    std::thread::sleep(Duration::from_secs(4));
+    wait_for_rows(folder.path(), 20);
     let interrupted = Command::new("kill").args(["-INT", &running.id().to_string()]).status();
     assert!(interrupted.unwrap().success());
     assert!(running.wait().unwrap().success());
@@ -72,15 +90,10 @@ fn what_a_killed_run_had_made_is_there_to_go_on_with() {
     let mut running = lab(folder.path(), "100000").stderr(Stdio::null()).spawn().unwrap();
     let out = folder.path().join("out");
     let unfinished = out.join("unfinished.csv");
-    let rows = || fs::read_to_string(&unfinished).map_or(0, |text| text.lines().count());
-    for _ in 0..600 {
-        std::thread::sleep(Duration::from_millis(100));
-        if rows() > 60 {
-            break;
-        }
-    }
+    wait_for_rows(folder.path(), 60);
     running.kill().unwrap();
     running.wait().unwrap();
+    let rows = || lines(&unfinished);
     let made = rows();
     assert!(made > 60 && !out.join("results.csv").exists());
     // Not written over by a run that does not go on with it.
