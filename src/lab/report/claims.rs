@@ -141,11 +141,10 @@ pub fn claims(groups: &[Group]) -> Option<Table> {
     (!rows.is_empty()).then(|| Table {
         title: "What the paper's text says of figures 5 to 9".into(),
         note: "Detection ratios, averaged over a figure's axis. Differences below 0.03 count as \
-               none. One reason holds for all of them: before an attack every bit is right, with \
-               equal margins, while the paper's single pass begins with thin margins and some \
-               wrong bits. Remeshing and simplification are other programs than the paper's; a \
-               remesher that puts its vertices onto the surface forgets where QSP had slid them \
-               along it, and Cho's bumps stay."
+               none. In all of them ours begin with every bit right and equal margins, the \
+               paper's with what a single pass leaves. Remeshing and simplification are other \
+               programs than the paper's; a remesher that puts its vertices onto the surface \
+               forgets where QSP had slid them along it, and Cho's bumps stay."
             .into(),
         head: ["the paper", "mesh", "ours", "agrees", "where not, why"].map(str::to_owned).to_vec(),
         rows,
