@@ -51,6 +51,26 @@ fn lines(path: &Path) -> usize {
     fs::read_to_string(path).map_or(0, |text| text.lines().count())
 }
 
+/// A run without end, ended at the latest when the test is.
+#[cfg(unix)]
+struct Running(std::process::Child);
+
+#[cfg(unix)]
+impl Running {
+    fn begin(folder: &Path) -> Self {
+        Self(lab(folder, "100000").stderr(Stdio::null()).spawn().unwrap())
+    }
+}
+
+#[cfg(unix)]
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 /// Until a run has more than so many rows; a minute at most.
 #[cfg(unix)]
 fn wait_for_rows(folder: &Path, count: usize) {
@@ -69,17 +89,17 @@ fn wait_for_rows(folder: &Path, count: usize) {
 fn ctrl_c_keeps_what_is_done() {
     let folder = tempfile::tempdir().unwrap();
     sample(folder.path());
-    let mut running = lab(folder.path(), "100000").stderr(Stdio::null()).spawn().unwrap();
+    let mut running = Running::begin(folder.path());
     wait_for_rows(folder.path(), 20);
-    let interrupted = Command::new("kill").args(["-INT", &running.id().to_string()]).status();
+    let interrupted = Command::new("kill").args(["-INT", &running.0.id().to_string()]).status();
     assert!(interrupted.unwrap().success());
-    assert!(running.wait().unwrap().success());
+    assert!(running.0.wait().unwrap().success());
     let out = folder.path().join("out");
     let summary = fs::read(out.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
     assert_eq!(summary["complete"], false);
     assert!(fs::read_to_string(out.join("results.csv")).unwrap().lines().count() > 15);
-    assert!(out.join("report.html").exists());
+    assert!(out.join("report.html").exists() && !out.join("unfinished.csv").exists());
 }
 
 #[cfg(unix)]
@@ -87,12 +107,12 @@ fn ctrl_c_keeps_what_is_done() {
 fn what_a_killed_run_had_made_is_there_to_go_on_with() {
     let folder = tempfile::tempdir().unwrap();
     sample(folder.path());
-    let mut running = lab(folder.path(), "100000").stderr(Stdio::null()).spawn().unwrap();
+    let mut running = Running::begin(folder.path());
     let out = folder.path().join("out");
     let unfinished = out.join("unfinished.csv");
     wait_for_rows(folder.path(), 60);
-    running.kill().unwrap();
-    running.wait().unwrap();
+    running.0.kill().unwrap();
+    running.0.wait().unwrap();
     let rows = || lines(&unfinished);
     let made = rows();
     assert!(made > 60 && !out.join("results.csv").exists());

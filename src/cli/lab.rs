@@ -93,7 +93,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         kept: &|rows| kept.add(rows),
     };
     let new = plan.run(watch);
-    let rows = merged([rows.as_slice(), &new].concat());
+    let rows = plan.in_order(merged([rows.as_slice(), &new].concat()));
     meter.end();
 
     let groups = groups(&rows, arguments.threshold_log10);
@@ -110,7 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let out = |name: &str| arguments.out.join(name);
     // Before anything is drawn, which takes long for large meshes.
     files::write(&out("results.csv"), &to_csv(&rows)?)?;
-    kept.end()?;
+    kept.end();
     files::write(&out("summary.json"), &serde_json::to_vec_pretty(&summary)?)?;
     eprintln!("drawing");
     let complete = complete();
@@ -153,7 +153,8 @@ fn known_rows(paths: &[PathBuf]) -> Result<Vec<Row>, Failure> {
 /// The rows that there are so far, in a file of their own until the run ends.
 struct Kept {
     path: PathBuf,
-    journal: Mutex<Journal<File>>,
+    /// `None` once it could not be written: half a line must stay the last one.
+    journal: Mutex<Option<Journal<File>>>,
 }
 
 impl Kept {
@@ -164,32 +165,45 @@ impl Kept {
             (Ok(a), Ok(b)) => a == b,
             _ => false,
         };
-        if path.exists() && !read.iter().any(same) {
+        let holds_rows = std::fs::metadata(&path).is_ok_and(|file| file.len() > 0);
+        if holds_rows && !read.iter().any(same) {
             return Err(Failure(format!(
-                "{0} holds the rows of a run that was killed: go on with it by --rows {0} (and the \
-                 same seed and files), or delete it",
+                "{0} holds the rows of a run that was killed, or still goes on: once it has ended, \
+                 take it up with --rows {0} (the same seed, the same files in the same order), or \
+                 delete that file",
                 path.display()
             )));
         }
         files::write(&path, &if rows.is_empty() { Vec::new() } else { to_csv(rows)? })?;
         let failed = |error| Failure(format!("cannot write {}: {error}", path.display()));
         let file = OpenOptions::new().append(true).open(&path).map_err(failed)?;
-        let journal = Mutex::new(Journal::new(file, !rows.is_empty()));
+        let journal = Mutex::new(Some(Journal::new(file, !rows.is_empty())));
         Ok(Self { path, journal })
     }
 
     fn add(&self, rows: &[Row]) {
-        let Ok(mut journal) = self.journal.lock() else { return };
-        // The run goes on: its rows are also in memory.
+        let Ok(mut kept) = self.journal.lock() else { return };
+        let Some(journal) = kept.as_mut() else { return };
         if let Err(error) = journal.add(rows) {
-            eprintln!("cannot write {}: {error}", self.path.display());
+            eprintln!(
+                "cannot write {}: {error}; the run goes on, and keeps its rows in memory until it ends",
+                self.path.display()
+            );
+            *kept = None;
         }
     }
 
-    /// Once they stand elsewhere.
-    fn end(&self) -> Result<(), Failure> {
-        let failed = |error| Failure(format!("cannot remove {}: {error}", self.path.display()));
-        std::fs::remove_file(&self.path).map_err(failed)
+    /// Once they stand in results.csv.
+    fn end(&self) {
+        match std::fs::remove_file(&self.path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                eprintln!(
+                    "cannot remove {}: {error}; all its rows are in results.csv, delete it",
+                    self.path.display()
+                );
+            }
+            _ => {}
+        }
     }
 }
 
@@ -203,7 +217,7 @@ fn stop_on_ctrl_c() -> Result<&'static AtomicBool, Failure> {
                 if STOPPED.swap(true, Ordering::Relaxed) {
                     std::process::exit(130);
                 }
-                eprintln!("\nending; what is done is kept (Ctrl-C again: not even that)");
+                eprintln!("\nending; what is done is kept (Ctrl-C again: only as unfinished.csv)");
             }
         });
     });

@@ -82,35 +82,59 @@ pub fn to_csv(rows: &[Row]) -> Result<Vec<u8>, csv::Error> {
     writer.into_inner().map_err(|error| csv::Error::from(error.into_error()))
 }
 
-/// Rows written one after the other as they come, so that whatever ends a run leaves what was made.
-pub struct Journal<W: Write>(csv::Writer<W>);
+/// Rows written trial after trial as they come, so that a run that is killed leaves what was made.
+pub struct Journal<W: Write> {
+    file: W,
+    /// Whether there is a header line.
+    begun: bool,
+}
 
 impl<W: Write> Journal<W> {
     /// A journal that begins, or goes on after other rows.
     pub fn new(file: W, goes_on: bool) -> Self {
-        Self(csv::WriterBuilder::new().has_headers(!goes_on).from_writer(file))
+        Self { file, begun: goes_on }
     }
 
-    /// Adds rows and hands them on to the file.
+    /// Adds rows, all in one write.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// When the file cannot be written; its last line may be half a one then, and nothing must be
+    /// added any more.
     pub fn add(&mut self, rows: &[Row]) -> Result<(), csv::Error> {
+        let mut lines = csv::WriterBuilder::new().has_headers(!self.begun).from_writer(Vec::new());
         for row in rows {
-            self.0.serialize(row)?;
+            lines.serialize(row)?;
         }
-        Ok(self.0.flush()?)
+        let lines = lines.into_inner().map_err(|error| csv::Error::from(error.into_error()))?;
+        self.file.write_all(&lines)?;
+        self.begun = true;
+        Ok(self.file.flush()?)
     }
 }
 
-/// The rows of an earlier run, or of its journal: a last line that was cut off is left out.
+/// The rows of an earlier run, or of its journal, whose last line may have been cut off and is left
+/// out then.
 ///
 /// # Errors
 /// When it is no CSV, or has other columns.
 pub fn from_csv(csv: &[u8]) -> Result<Vec<Row>, csv::Error> {
-    let whole = csv.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
-    let csv = csv.get(..whole).unwrap_or_default();
-    csv::Reader::from_reader(csv).deserialize().collect()
+    let mut reader = csv::Reader::from_reader(csv);
+    let headers = reader.headers()?;
+    if !csv.is_empty() && !headers.iter().any(|name| name == "log10_bound_in_place") {
+        let text = "these are not the columns of a results.csv of this command";
+        return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, text).into());
+    }
+    let cut_off = csv.last() != Some(&b'\n');
+    let mut records = reader.deserialize().peekable();
+    let mut rows = Vec::new();
+    while let Some(record) = records.next() {
+        match record {
+            Ok(row) => rows.push(row),
+            Err(_) if cut_off && records.peek().is_none() => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(rows)
 }
 
 /// Rows of several runs of one seed, each result once.

@@ -125,6 +125,27 @@ impl Plan<'_> {
         all
     }
 
+    /// Rows of several runs in the order of [`Plan::all`]; those of other plans stay in theirs, at the
+    /// end. A run in parts is told of as one at once is.
+    #[must_use]
+    pub fn in_order(&self, mut rows: Vec<Row>) -> Vec<Row> {
+        let mut places = BTreeMap::new();
+        let one_each = Plan { trials: 1, ..*self };
+        for trial in one_each.all() {
+            for attack in trial.attacks {
+                let row = trial.blank(*attack);
+                let next = places.len();
+                places.entry((row.mark(), row.attack)).or_insert(next);
+            }
+        }
+        let place = |row: &Row| match places.get(&(row.mark(), row.attack.clone())) {
+            Some(&place) => (false, row.trial, place),
+            None => (true, 0, 0),
+        };
+        rows.sort_by_cached_key(place);
+        rows
+    }
+
     /// Makes what is not known and gives the rows of those that were done, in the order of
     /// [`Plan::all`] whatever the number of threads.
     #[must_use]

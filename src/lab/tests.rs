@@ -68,6 +68,10 @@ fn each_trial_is_kept_as_soon_as_it_is_done() {
     // Killed while it wrote: what is whole is read.
     bytes.truncate(bytes.len() - 7);
     assert!(from_csv(&bytes).unwrap() == rows[..rows.len() - 1]);
+    // A file that somebody ended without a line feed loses nothing; another table is no run.
+    let whole = to_csv(&rows).unwrap();
+    assert!(from_csv(&whole[..whole.len() - 1]).unwrap() == rows);
+    assert!(from_csv(b"name,price\n").is_err() && from_csv(b"name,price\nx,1\n").is_err());
     assert_eq!(from_csv(b"").unwrap(), []);
 }
 
@@ -125,6 +129,14 @@ fn a_run_in_parts_gives_the_rows_of_the_whole() {
     let rest = rows_of(&Plan { known: &half, ..whole });
     assert!(merged([half.as_slice(), &rest].concat()) == rows);
     assert_eq!(half.len() + rest.len(), rows.len());
+    // In whatever order they were kept.
+    let mut shuffled = half.clone();
+    shuffled.reverse();
+    let all = whole.in_order(merged([shuffled.as_slice(), &rest].concat()));
+    assert!(to_csv(&all).unwrap() == to_csv(&rows).unwrap());
+    let stranger = Row { mesh: "another".into(), ..rows[0].clone() };
+    let with_it = whole.in_order([std::slice::from_ref(&stranger), &shuffled].concat());
+    assert!(with_it[..half.len()] == half && with_it[half.len()] == stranger);
     // Nor is an attack on a mark of which others are missing.
     let without: Vec<Row> = rows.iter().filter(|row| row.family != "midpoint").cloned().collect();
     assert!(rows_of(&Plan { known: &without, ..whole }) == midpoint);

@@ -12,8 +12,8 @@ use crate::mesh::surface::Surface;
 
 /// A mesh to be attacked.
 ///
-/// Not `Sync`, and meant so: what is made at first need is made on all cores, and a thread that
-/// waits for it may take up another task meanwhile, which must not wait for the same thing.
+/// Not `Sync`, and meant so: what is made at first need may be made by several threads, and one that
+/// waits for the others may take up another task meanwhile, which must not wait for the same thing.
 pub struct Target<'a> {
     mesh: &'a Mesh,
     surface: OnceCell<Surface>,
@@ -41,7 +41,7 @@ impl<'a> Target<'a> {
         self.mesh
     }
 
-    /// The same, also where no triangle has an area.
+    /// The welded surface, also where no triangle has an area.
     pub(super) fn welded(&self) -> &Surface {
         self.surface.get_or_init(|| Surface::new(self.mesh))
     }

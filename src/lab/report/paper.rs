@@ -1,5 +1,7 @@
 //! What others printed, to stand beside what was measured.
 
+use crate::lab::summary::Group;
+
 /// Vertices of the meshes of Luo and Bors 2009, section 5.
 const VERTICES: [(&str, usize); 3] = [("bunny", 35_947), ("gear", 231_703), ("dragon", 437_645)];
 
@@ -34,19 +36,25 @@ pub fn vertices(mesh: &str) -> Option<usize> {
     VERTICES.iter().find(named).map(|(_, count)| *count)
 }
 
+/// Whether marks are made as strong and as long as the paper's of its tables.
+fn is_usual(group: &Group) -> bool {
+    (group.strength - 0.1).abs() < 1e-9 && group.bits == 64
+}
+
 /// The paper's Table 1, for files named after its meshes.
 #[must_use]
-pub fn mrms(mesh: &str, method: &str) -> Option<f64> {
-    in_table(&TABLE_1, mesh, method)
+pub fn mrms(group: &Group) -> Option<f64> {
+    in_table(&TABLE_1, &group.mesh, &group.method).filter(|_| is_usual(group))
 }
 
 /// The paper's Table 2.
 #[must_use]
-pub fn subdivided(mesh: &str, method: &str, family: &str) -> Option<f64> {
-    match family {
-        "loop" => in_table(&TABLE_2_LOOP, mesh, method),
+pub fn subdivided(group: &Group) -> Option<f64> {
+    let row = in_table(&TABLE_2_LOOP, &group.mesh, &group.method).filter(|_| is_usual(group));
+    match group.family.as_str() {
+        "loop" => row,
         // All ones.
-        "butterfly" | "midpoint" => in_table(&TABLE_2_LOOP, mesh, method).map(|_| 1.0),
+        "butterfly" | "midpoint" => row.map(|_| 1.0),
         _ => None,
     }
 }
@@ -84,17 +92,35 @@ pub fn liris(family: &str, amount: Option<f64>) -> Option<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lab::report::test_support::group;
 
     #[test]
     fn what_was_printed_is_found_by_mesh_and_method() {
         assert_eq!(vertices("Gear_x"), Some(231_703));
-        assert_eq!(mrms("bunny", "cho-var"), Some(0.37));
-        assert_eq!(mrms("gear_involute_g7", "qsp-mean"), Some(447.58));
-        assert_eq!(mrms("horse", "qsp-mean"), None);
-        assert_eq!(mrms("bunny", "exact-mean"), None);
-        assert_eq!(subdivided("Dragon", "qsp-var", "midpoint"), Some(1.0));
-        assert_eq!(subdivided("bunny", "qsp-var", "loop"), Some(0.73));
-        assert_eq!(subdivided("bunny", "qsp-var", "sqrt3"), None);
+        let of = |mesh: &str, method: &str, family: &str| Group {
+            mesh: mesh.into(),
+            method: method.into(),
+            family: family.into(),
+            ..group()
+        };
+        for (mesh, method, expected) in [
+            ("bunny", "cho-var", Some(0.37)),
+            ("gear_involute_g7", "qsp-mean", Some(447.58)),
+            ("horse", "qsp-mean", None),
+            ("bunny", "exact-mean", None),
+        ] {
+            assert_eq!(mrms(&of(mesh, method, "none")), expected, "{mesh} {method}");
+        }
+        for (mesh, family, expected) in [
+            ("Dragon", "midpoint", Some(1.0)),
+            ("bunny", "loop", Some(0.73)),
+            ("bunny", "sqrt3", None),
+        ] {
+            assert_eq!(subdivided(&of(mesh, "qsp-var", family)), expected, "{mesh} {family}");
+        }
+        // Other marks than the paper's are not held against them.
+        assert_eq!(mrms(&Group { strength: 0.2, ..of("bunny", "cho-var", "none") }), None);
+        assert_eq!(subdivided(&Group { bits: 32, ..of("bunny", "qsp-var", "loop") }), None);
         assert_eq!(liris("quantisation", Some(8.0)), Some([0.26, 0.05]));
         assert_eq!(liris("sqrt3", None), Some([0.14, 0.0]));
     }

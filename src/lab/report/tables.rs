@@ -100,7 +100,15 @@ fn table_1(groups: &[Group]) -> Option<Table> {
     ];
     let row = |g: &&Group| {
         let ours = 1e4 * g.mark_mrms * g.diagonal;
-        let theirs = paper::mrms(&g.mesh, &g.method);
+        if g.trials == 0 {
+            let error = g.error.clone().unwrap_or_default();
+            return vec![
+                Cell::plain(g.mesh.clone()),
+                Cell::plain(label(g, &own)),
+                Cell::plain(error),
+            ];
+        }
+        let theirs = paper::mrms(g);
         let why = theirs.zip(paper::vertices(&g.mesh));
         vec![
             Cell::plain(g.mesh.clone()),
@@ -129,18 +137,21 @@ fn table_2(groups: &[Group]) -> Option<Table> {
         .collect();
     let single_pass = |of: &Group| {
         let same = |g: &&Group| {
-            g.experiment == "table 1" && g.mesh == of.mesh && g.method == of.method && g.trials > 0
+            g.experiment == "table 1" && g.trials > 0 && reasons::same_but_for_loop(g, of)
         };
         groups.iter().find(same).map(|g| g.detection_ratio)
     };
+    let before = |of: &Group| {
+        groups.iter().find(|g| g.family == "none" && g.trials > 0 && reasons::same_mark(g, of))
+    };
     let cell = |g: &Group| {
-        let paper = paper::subdivided(&g.mesh, &g.method, &g.family);
+        let paper = paper::subdivided(g);
         let paper = paper.map_or_else(String::new, |p| format!(" (paper {p})"));
         Cell::rated(format!("{:.3}{paper}", g.detection_ratio), 2.0 * g.detection_ratio - 1.0)
     };
     let why = |g: &Group| {
-        let paper = paper::subdivided(&g.mesh, &g.method, &g.family)?;
-        let reason = reasons::of_ratio(g, paper, single_pass(g));
+        let paper = paper::subdivided(g)?;
+        let reason = reasons::of_ratio(g, paper, before(g), single_pass(g));
         let more = g.detection_ratio - paper;
         (!reason.is_empty()).then(|| format!("{} {more:+.2}: {reason}", g.family))
     };
@@ -226,7 +237,7 @@ fn matrix(
     groups: &[&Group],
     cell: impl Fn(&Group) -> Cell,
     more: &[&str],
-    extra: impl Fn(&Group) -> Vec<String>,
+    extra: impl Fn(&[&Group]) -> Vec<String>,
 ) -> (Vec<String>, Vec<Vec<Cell>>) {
     let marks = distinct(groups.iter().map(|g| label(g, groups)));
     let mut head = vec!["attack".to_owned()];
@@ -238,8 +249,8 @@ fn matrix(
         row.extend(marks.iter().map(|mark| {
             own().find(|g| label(g, groups) == *mark).map_or_else(Cell::default, |g| cell(g))
         }));
-        // The first of the marks stands for all.
-        row.extend(own().take(1).flat_map(|g| extra(g)).map(Cell::plain));
+        let own: Vec<&Group> = own().copied().collect();
+        row.extend(extra(&own).into_iter().map(Cell::plain));
         row
     };
     let rows = distinct(groups.iter().map(|g| g.attack.as_str())).into_iter().map(row).collect();
@@ -260,8 +271,11 @@ fn survival(experiment: &str, mesh: &str, groups: &[&Group]) -> Table {
         );
         Cell::rated(text, g.matches)
     };
-    let damage =
-        |g: &Group| vec![g.attacked_mrms.map_or_else(String::new, |mrms| percent(mrms, 3))];
+    // Measured on one of the marks.
+    let damage = |own: &[&Group]| {
+        let mrms = own.iter().find_map(|g| g.attacked_mrms);
+        vec![mrms.map_or_else(String::new, |mrms| percent(mrms, 3))]
+    };
     let (head, rows) = matrix(groups, cell, &["attacked mesh, MRMS %"], damage);
     Table {
         title: format!("What the marks survive: {mesh} ({experiment})"),
@@ -282,10 +296,11 @@ fn bit_errors(experiment: &str, mesh: &str, groups: &[&Group]) -> Table {
         }
         Cell::rated(format!("{:.2}", g.bit_error_rate), 1.0 - 2.0 * g.bit_error_rate)
     };
-    let published = |g: &Group| match paper::liris(&g.family, g.amount) {
-        Some(rates) => rates.map(|rate| format!("{rate:.2}")).to_vec(),
-        None => vec![String::new(); 2],
-    };
+    let published =
+        |own: &[&Group]| match own.first().and_then(|g| paper::liris(&g.family, g.amount)) {
+            Some(rates) => rates.map(|rate| format!("{rate:.2}")).to_vec(),
+            None => vec![String::new(); 2],
+        };
     let names = ["Cho 2007, Venus", "Wang 2011, Venus"];
     let (head, rows) = matrix(groups, cell, &names, published);
     Table {
