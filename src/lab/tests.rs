@@ -37,6 +37,16 @@ fn experiment(methods: &[Method], attacks: &[Attack]) -> Experiment {
     }
 }
 
+/// Everything, from the beginning.
+fn plan_of<'a>(
+    subjects: &'a [Subject],
+    experiments: &'a [Experiment],
+    trials: usize,
+    seed: u64,
+) -> Plan<'a> {
+    Plan { subjects, experiments, trials, seed, families: &[], known: &[] }
+}
+
 const ATTACKS: [Attack; 5] =
     [Attack::None, Attack::Noise(0.001), Attack::Noise(0.01), Attack::Noise(0.2), Attack::Midpoint];
 
@@ -44,14 +54,7 @@ const ATTACKS: [Attack; 5] =
 fn each_trial_is_kept_as_soon_as_it_is_done() {
     let subjects = [subject(Sample::Blob, 4000)];
     let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
-    let plan = Plan {
-        subjects: &subjects,
-        experiments: &experiments,
-        trials: 3,
-        seed: 1,
-        families: &[],
-        known: &[],
-    };
+    let plan = plan_of(&subjects, &experiments, 3, 1);
     let file = Mutex::new(Vec::new());
     let kept = |rows: &[Row]| Journal::new(&mut *file.lock().unwrap(), false).add(rows).unwrap();
     let (first, later) = (AtomicUsize::new(0), &file);
@@ -87,14 +90,7 @@ fn find<'a>(groups: &'a [Group], attack: &Attack) -> &'a Group {
 fn the_same_seed_gives_the_same_rows_on_any_number_of_threads() {
     let subjects = [subject(Sample::Blob, 5000), subject(Sample::Knot, 4000)];
     let experiments = [experiment(&[Method::QspMean, Method::ChoVar], &ATTACKS)];
-    let plan = Plan {
-        subjects: &subjects,
-        experiments: &experiments,
-        trials: 2,
-        seed: 7,
-        families: &[],
-        known: &[],
-    };
+    let plan = plan_of(&subjects, &experiments, 2, 7);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         to_csv(&pool.install(|| rows_of(&plan))).unwrap()
@@ -111,14 +107,7 @@ fn the_same_seed_gives_the_same_rows_on_any_number_of_threads() {
 fn a_run_in_parts_gives_the_rows_of_the_whole() {
     let subjects = [subject(Sample::Blob, 5000)];
     let experiments = [experiment(&[Method::QspMean, Method::ChoVar], &ATTACKS)];
-    let whole = Plan {
-        subjects: &subjects,
-        experiments: &experiments,
-        trials: 2,
-        seed: 7,
-        families: &[],
-        known: &[],
-    };
+    let whole = plan_of(&subjects, &experiments, 2, 7);
     let rows = rows_of(&whole);
     let midpoint = rows_of(&Plan { families: &["midpoint".to_owned()], ..whole });
     let expected: Vec<&Row> = rows.iter().filter(|row| row.family == "midpoint").collect();
@@ -146,14 +135,7 @@ fn a_run_in_parts_gives_the_rows_of_the_whole() {
 fn marks_fade_with_noise_and_the_summary_says_so() {
     let subjects = [subject(Sample::Blob, 5000)];
     let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
-    let plan = Plan {
-        subjects: &subjects,
-        experiments: &experiments,
-        trials: 3,
-        seed: 1,
-        families: &[],
-        known: &[],
-    };
+    let plan = plan_of(&subjects, &experiments, 3, 1);
     let all = groups(&rows_of(&plan), -4.0);
     assert_eq!(all.len(), ATTACKS.len());
     let [none, weak, _, strong, midpoint] = ATTACKS.each_ref().map(|a| find(&all, a));
@@ -171,14 +153,7 @@ fn marks_fade_with_noise_and_the_summary_says_so() {
 fn a_mesh_that_carries_nothing_is_told_of_and_does_not_end_the_run() {
     let subjects = [subject(Sample::Gear, 450)];
     let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
-    let plan = Plan {
-        subjects: &subjects,
-        experiments: &experiments,
-        trials: 1,
-        seed: 1,
-        families: &[],
-        known: &[],
-    };
+    let plan = plan_of(&subjects, &experiments, 1, 1);
     let rows = rows_of(&plan);
     assert_eq!(rows.len(), ATTACKS.len());
     assert!(rows.iter().all(|row| row.error.is_some() && row.bits_right.is_none()));
@@ -189,14 +164,7 @@ fn a_mesh_that_carries_nothing_is_told_of_and_does_not_end_the_run() {
 fn a_stopped_run_keeps_what_is_done() {
     let subjects = [subject(Sample::Blob, 4000)];
     let experiments = [experiment(&[Method::QspMean], &ATTACKS)];
-    let plan = Plan {
-        subjects: &subjects,
-        experiments: &experiments,
-        trials: 12,
-        seed: 1,
-        families: &[],
-        known: &[],
-    };
+    let plan = plan_of(&subjects, &experiments, 12, 1);
     let done = AtomicUsize::new(0);
     let count = |progress: Progress| {
         assert!(progress.share > 0.0 && progress.share <= 1.0 && progress.trials == 12);
@@ -212,14 +180,7 @@ fn a_stopped_run_keeps_what_is_done() {
 fn a_budget_is_kept() {
     let subjects = [subject(Sample::Blob, 5000)];
     let free = [experiment(&[Method::QspMean], &[Attack::None])];
-    let plan = Plan {
-        subjects: &subjects,
-        experiments: &free,
-        trials: 1,
-        seed: 3,
-        families: &[],
-        known: &[],
-    };
+    let plan = plan_of(&subjects, &free, 1, 3);
     let budget = 0.6 * rows_of(&plan)[0].mark_mrms.unwrap();
     let bounded = Setting { budget: Some(budget), ..free[0].settings[0] };
     let experiments = [Experiment { settings: vec![bounded], ..free[0].clone() }];
@@ -239,14 +200,7 @@ fn budgets_share_the_marks_that_they_can() {
         let settings = base.settings.iter().map(|&s| Setting { budget: Some(budget), ..s });
         Experiment { name, settings: settings.collect(), ..base.clone() }
     };
-    let plan = |experiments| Plan {
-        subjects: &subjects,
-        experiments,
-        trials: 2,
-        seed: 3,
-        families: &[],
-        known: &[],
-    };
+    let plan = |experiments| plan_of(&subjects, experiments, 2, 3);
     let free = [Experiment { name: "free", ..base.clone() }];
     let mrms = rows_of(&plan(&free)).into_iter().filter(|r| r.method == "cho-mean");
     let least = mrms.filter_map(|row| row.mark_mrms).fold(f64::INFINITY, f64::min);
@@ -282,14 +236,7 @@ fn the_report_stands_alone_and_shows_each_mesh() {
         // Noise and nothing that takes long.
         experiment.attacks.retain(|a| matches!(a, Attack::None | Attack::Noise(_) | Attack::Loop));
     }
-    let plan = Plan {
-        subjects: &subjects,
-        experiments: &experiments,
-        trials: 1,
-        seed: 1,
-        families: &[],
-        known: &[],
-    };
+    let plan = plan_of(&subjects, &experiments, 1, 1);
     let groups = groups(&rows_of(&plan), -4.0);
     let galleries = galleries(&plan, &|| false);
     let report = Report {
