@@ -19,10 +19,38 @@ fn sample(folder: &Path) {
 }
 
 fn lab(folder: &Path, trials: &str) -> Command {
+    lab_of(folder, &["blob.obj"], trials, "3")
+}
+
+fn lab_of(folder: &Path, files: &[&str], trials: &str, seed: &str) -> Command {
     let mut command = quadmark();
-    command.arg("lab").arg(folder.join("blob.obj")).arg("--out").arg(folder.join("out"));
-    command.args(["--bits", "16", "--trials", trials, "--seed", "3"]);
+    command.arg("lab").args(files).arg("--out").arg(folder.join("out")).current_dir(folder);
+    command.args(["--bits", "16", "--trials", trials, "--seed", seed]);
     command
+}
+
+#[test]
+fn hosts_of_one_name_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    for (place, vertices) in [("one", "2000"), ("two", "3000")] {
+        let mut made = quadmark();
+        made.args(["sample", "blob", "--vertices", vertices, "-o"]);
+        let path = folder.path().join(place).join("blob.obj");
+        fs::create_dir(path.parent().unwrap()).unwrap();
+        assert!(made.arg(&path).status().unwrap().success());
+    }
+    let files = ["one/blob.obj", "two/blob.obj"];
+    let run = |files: &[&str]| {
+        let mut command = lab_of(folder.path(), files, "1", "3");
+        command.args(["--attacks", "none,similarity"]).output().unwrap()
+    };
+    assert!(run(&files).status.success());
+    let rows = fs::read_to_string(folder.path().join("out/results.csv")).unwrap();
+    let of = |name: &str| rows.lines().filter(|row| row.contains(name)).count();
+    assert!(of(files[0]) > 0 && of(files[0]) == of(files[1]), "{rows}");
+    let twice = run(&[files[0], files[0]]);
+    assert_eq!(twice.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&twice.stderr).contains("named twice"));
 }
 
 #[test]
@@ -121,6 +149,11 @@ fn what_a_killed_run_had_made_is_there_to_go_on_with() {
     assert_eq!(refused.status.code(), Some(2));
     let said = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(said.contains("unfinished.csv") && said.contains("--rows"), "{said}");
+    assert_eq!(rows(), made);
+    let mut of_another_seed = lab_of(folder.path(), &["blob.obj"], "2", "9");
+    let refused = of_another_seed.arg("--rows").arg(&unfinished).output().unwrap();
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("are of seed 3"));
     assert_eq!(rows(), made);
     let went_on = lab(folder.path(), "2").arg("--rows").arg(&unfinished).output().unwrap();
     assert!(went_on.status.success());

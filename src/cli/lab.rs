@@ -64,8 +64,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
-    let subjects: Vec<Subject> =
-        arguments.files.iter().map(|path| subject(path)).collect::<Result<_, _>>()?;
+    let subjects = subjects(&arguments.files)?;
     std::fs::create_dir_all(&arguments.out)?;
     let choices = Choices {
         methods: arguments.methods.clone(),
@@ -76,7 +75,6 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let wanted = &arguments.experiments;
     experiments.retain(|e| wanted.is_empty() || wanted.iter().any(|part| e.name.contains(part)));
     let rows = known_rows(&arguments.rows)?;
-    let kept = Kept::begin(arguments.out.join("unfinished.csv"), &arguments.rows, &rows)?;
     let plan = Plan {
         subjects: &subjects,
         experiments: &experiments,
@@ -85,6 +83,8 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         families: &arguments.attacks,
         known: &rows,
     };
+    plan.check_known()?;
+    let kept = Kept::begin(arguments.out.join("unfinished.csv"), &arguments.rows, &rows)?;
     let stopped = stop_on_ctrl_c()?;
     let meter = Meter::new();
     let watch = Watch {
@@ -133,10 +133,23 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-fn subject(path: &Path) -> Result<Subject, Failure> {
-    let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-    Subject::read(name, files::read(path)?, &limits())
-        .map_err(|error| Failure(format!("{}: {error}", path.display())))
+/// The hosts, called as their files are, without the ending; by their whole paths where files in
+/// several folders are called alike.
+fn subjects(paths: &[PathBuf]) -> Result<Vec<Subject>, Failure> {
+    let stem = |path: &Path| path.file_stem().unwrap_or(path.as_os_str()).to_owned();
+    let mut subjects = Vec::with_capacity(paths.len());
+    for (number, path) in paths.iter().enumerate() {
+        if paths.iter().take(number).any(|earlier| earlier == path) {
+            return Err(Failure(format!("{} is named twice: once is enough", path.display())));
+        }
+        let alike = paths.iter().filter(|other| stem(other) == stem(path)).count() > 1;
+        let name = if alike { path.as_os_str().to_owned() } else { stem(path) };
+        let subject =
+            Subject::read(name.to_string_lossy().into_owned(), files::read(path)?, &limits())
+                .map_err(|error| Failure(format!("{}: {error}", path.display())))?;
+        subjects.push(subject);
+    }
+    Ok(subjects)
 }
 
 /// The rows of earlier runs.

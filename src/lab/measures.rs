@@ -1,7 +1,7 @@
 //! What is measured: how well a mark is still read, and how far an attack went.
 
 use crate::mesh::Mesh;
-use crate::mesh::distortion::distortion;
+use crate::mesh::distortion::Measured;
 use crate::mesh::surface::Surface;
 use crate::watermark::{Codeword, Frame, Modulation, SoftBits, Suspect, WatermarkError};
 
@@ -63,9 +63,15 @@ pub struct Damage {
     pub hausdorff: f64,
 }
 
-/// Measures as Metro does. `None` when there is no surface left.
+/// A host, or a mesh that is measured against one, as Metro does it. `None` when there is no surface.
 #[must_use]
-pub fn damage(host: &Surface, attacked: &Mesh) -> Option<Damage> {
-    let d = distortion(host, &Surface::new(attacked), SAMPLES)?;
+pub fn measured(surface: &Surface) -> Option<Measured> {
+    Measured::new(surface, SAMPLES)
+}
+
+/// How far `attacked` is from the host. `None` when there is no surface left.
+#[must_use]
+pub fn damage(host: &Measured, attacked: &Mesh) -> Option<Damage> {
+    let d = host.against(&measured(&Surface::new(attacked))?);
     Some(Damage { mrms: d.mrms / d.diagonal, hausdorff: d.hausdorff / d.diagonal })
 }

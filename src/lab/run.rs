@@ -1,13 +1,15 @@
 //! All trials of a grid, on all cores.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 
 use super::grid::Experiment;
+use super::measures;
 use super::queue::in_order;
 use super::row::Row;
 use super::trial::Trial;
 use crate::formats::{Asset, FormatError, Limits};
+use crate::mesh::distortion::Measured;
 use crate::mesh::surface::Surface;
 
 /// A host file.
@@ -20,6 +22,7 @@ pub struct Subject {
     pub asset: Asset,
     /// Its welded surface.
     pub surface: Surface,
+    measured: OnceLock<Option<Measured>>,
 }
 
 impl Subject {
@@ -30,7 +33,12 @@ impl Subject {
     pub fn read(name: String, bytes: Vec<u8>, limits: &Limits) -> Result<Self, FormatError> {
         let asset = Asset::read(&bytes, limits)?;
         let surface = Surface::new(asset.mesh());
-        Ok(Self { name, bytes, asset, surface })
+        Ok(Self { name, bytes, asset, surface, measured: OnceLock::new() })
+    }
+
+    /// Its surface as attacked meshes are measured against; prepared when first asked for.
+    pub(super) fn measured(&self) -> Option<&Measured> {
+        self.measured.get_or_init(|| measures::measured(&self.surface)).as_ref()
     }
 }
 

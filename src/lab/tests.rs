@@ -132,6 +132,36 @@ fn a_run_in_parts_gives_the_rows_of_the_whole() {
 }
 
 #[test]
+fn rows_that_cannot_be_of_a_run_are_refused() {
+    let subjects = [subject(Sample::Blob, 3000), subject(Sample::Knot, 3000)];
+    let experiments = [experiment(&[Method::QspMean], &ATTACKS[..1])];
+    let plan = plan_of(&subjects, &experiments, 1, 7);
+    let rows = rows_of(&plan);
+    let check = |rows: &[Row], plan: Plan<'_>| Plan { known: rows, ..plan }.check_known();
+    assert_eq!(check(&rows, plan), Ok(()));
+    // Rows of versions that did not write them.
+    let silent: Vec<Row> =
+        rows.iter().map(|row| Row { seed: None, place: None, ..row.clone() }).collect();
+    assert_eq!(check(&silent, Plan { seed: 8, ..plan }), Ok(()));
+    let other_mesh = [subject(Sample::Blob, 4000), subject(Sample::Knot, 3000)];
+    let turned = [subject(Sample::Knot, 3000), subject(Sample::Blob, 3000)];
+    let elsewhere = [subject(Sample::Gear, 3000)];
+    let cases: [(Plan<'_>, Option<&str>); 4] = [
+        (Plan { seed: 8, ..plan }, Some("--seed 7")),
+        (Plan { subjects: &turned, ..plan }, Some("was file 1")),
+        (Plan { subjects: &other_mesh, ..plan }, Some("another mesh")),
+        (Plan { subjects: &elsewhere, seed: 8, ..plan }, None),
+    ];
+    for (plan, said) in cases {
+        match (check(&rows, plan), said) {
+            (Ok(()), None) => {}
+            (Err(error), Some(said)) => assert!(error.to_string().contains(said), "{error}"),
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
 fn marks_fade_with_noise_and_the_summary_says_so() {
     let subjects = [subject(Sample::Blob, 5000)];
     let experiments = [experiment(&[Method::QspMean], &ATTACKS)];

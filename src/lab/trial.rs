@@ -200,7 +200,7 @@ impl Trial<'_> {
         };
         let modulation = self.setting.method.modulation();
         let measured = self.damage && attack != Attack::Similarity;
-        let damage = measured.then(|| damage(&self.subject.surface, &attacked)).flatten();
+        let damage = measured.then(|| damage(self.subject.measured()?, &attacked)).flatten();
         match detect(&attacked, &marked.codeword, modulation, &marked.frame) {
             Ok(found) => filled(row, &found, damage),
             Err(error) => Row { error: Some(error.to_string()), ..row },
@@ -261,6 +261,8 @@ impl Trial<'_> {
             attacked_mrms: None,
             attacked_hausdorff: None,
             error: None,
+            seed: Some(self.seed),
+            place: Some(self.number),
         }
     }
 }

@@ -29,32 +29,53 @@ pub struct Distortion {
 /// than 2 %.
 pub const SAMPLES_PER_KIND: usize = 500_000;
 
+/// A surface prepared to be measured against others: its samples, and itself for queries.
+pub struct Measured {
+    samples: Vec<DVec3>,
+    closest: Closest,
+    diagonal: f64,
+}
+
+impl Measured {
+    /// With all vertices and `per_kind` samples on edges and in triangles each. `None` when the
+    /// surface has no triangle.
+    #[must_use]
+    pub fn new(surface: &Surface, per_kind: usize) -> Option<Self> {
+        let closest = Closest::new(surface)?;
+        let samples = samples(surface, per_kind);
+        let diagonal = surface.diagonal();
+        (!samples.is_empty()).then_some(Self { samples, closest, diagonal })
+    }
+
+    /// Measures this against `other` and `other` against this.
+    #[must_use]
+    pub fn against(&self, other: &Self) -> Distortion {
+        let (there_rms, there_max) = one_sided(&self.samples, &other.closest);
+        let (back_rms, back_max) = one_sided(&other.samples, &self.closest);
+        Distortion {
+            mrms: there_rms.max(back_rms),
+            hausdorff: there_max.max(back_max),
+            diagonal: self.diagonal,
+        }
+    }
+}
+
 /// Measures `a` against `b` and `b` against `a` with all vertices and `per_kind` samples on edges
 /// and in triangles each.
 ///
 /// Returns `None` when one of the surfaces has no triangle.
 #[must_use]
 pub fn distortion(a: &Surface, b: &Surface, per_kind: usize) -> Option<Distortion> {
-    let (there_rms, there_max) = one_sided(&samples(a, per_kind), b)?;
-    let (back_rms, back_max) = one_sided(&samples(b, per_kind), a)?;
-    Some(Distortion {
-        mrms: there_rms.max(back_rms),
-        hausdorff: there_max.max(back_max),
-        diagonal: a.diagonal(),
-    })
+    Some(Measured::new(a, per_kind)?.against(&Measured::new(b, per_kind)?))
 }
 
-/// Root mean square and maximum of the samples' distances to the surface.
-pub(super) fn one_sided(samples: &[DVec3], surface: &Surface) -> Option<(f64, f64)> {
-    let target = Closest::new(surface)?;
-    if samples.is_empty() {
-        return None;
-    }
+/// Root mean square and maximum of the samples' distances to the surface. There is at least one.
+pub(super) fn one_sided(samples: &[DVec3], target: &Closest) -> (f64, f64) {
     let distance = |&p: &DVec3| target.distance(p);
     let distances: Vec<f64> = samples.par_iter().with_min_len(1024).map(distance).collect();
     let squares: f64 = distances.iter().map(|d| d * d).sum();
     let largest = distances.iter().copied().fold(0.0, f64::max);
-    Some(((squares / samples.len() as f64).sqrt(), largest))
+    ((squares / samples.len() as f64).sqrt(), largest)
 }
 
 #[cfg(test)]

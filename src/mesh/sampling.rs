@@ -95,7 +95,8 @@ mod tests {
         let points = samples(&surface, 5000);
         let expected = surface.positions.len() + 10_000;
         assert!(points.len().abs_diff(expected) <= 2);
-        let back = crate::mesh::distortion::one_sided(&points, &surface).unwrap();
+        let target = crate::mesh::closest::Closest::new(&surface).unwrap();
+        let back = crate::mesh::distortion::one_sided(&points, &target);
         assert!(back.1 < 1e-12);
     }
 

@@ -85,7 +85,10 @@ fn compared(samples: &[Sample]) -> f64 {
     let (mean_1, mean_2) = (weighted(&|s| s.own, &own), weighted(&|s| s.other, &other));
     let deviation_1 = weighted(&|s| (s.own - mean_1).powi(2), &own).sqrt();
     let deviation_2 = weighted(&|s| (s.other - mean_2).powi(2), &other).sqrt();
-    let common = weighted(&|s| (s.own - mean_1) * (s.other - mean_2), &own);
+    // Weighed by the one and divided by the other, as the published program does.
+    let total = |weight: &dyn Fn(&Sample) -> f64| samples.iter().map(weight).sum::<f64>();
+    let common = weighted(&|s| (s.own - mean_1) * (s.other - mean_2), &other)
+        * (total(&other) / total(&own));
     // The 1 keeps flat windows, where there is nothing to see, from counting much.
     let means = (mean_1 - mean_2).abs() / (mean_1.max(mean_2) + 1.0);
     let deviations = (deviation_1 - deviation_2).abs() / (deviation_1.max(deviation_2) + 1.0);
