@@ -42,13 +42,16 @@ fn hosts_of_one_name_are_told_apart() {
     let files = ["one/blob.obj", "two/blob.obj"];
     let run = |files: &[&str]| {
         let mut command = lab_of(folder.path(), files, "1", "3");
-        command.args(["--attacks", "none,similarity"]).output().unwrap()
+        command.args(["--attacks", "none,noise"]).output().unwrap()
     };
     assert!(run(&files).status.success());
     let rows = fs::read_to_string(folder.path().join("out/results.csv")).unwrap();
     let of = |name: &str| rows.lines().filter(|row| row.contains(name)).count();
-    assert!(of(files[0]) > 0 && of(files[0]) == of(files[1]), "{rows}");
-    let twice = run(&[files[0], files[0]]);
+    assert!(of("one/blob,") > 0 && of("one/blob,") == of("two/blob,"), "{rows}");
+    for place in ["one", "two"] {
+        assert!(folder.path().join(format!("out/quick-noise-{place}-blob.svg")).exists());
+    }
+    let twice = run(&[files[0], "./one/../one/blob.obj"]);
     assert_eq!(twice.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&twice.stderr).contains("named twice"));
 }

@@ -100,6 +100,8 @@ def main():
     parser.add_argument("--binary", default="target/release/quadmark")
     options = parser.parse_args()
     files = {path.stem: path for path in options.meshes}
+    if len(files) < len(options.meshes):
+        parser.error("meshes in several folders have the same name: rename one, and run the lab again")
     inspections = {}
 
     def inspect(row):
@@ -113,7 +115,9 @@ def main():
 
     samples = collections.defaultdict(list)
     for row in csv.DictReader(open(options.results / "results.csv")):
-        if not row["error"] and row["mesh"] in files:
+        if row["mesh"] not in files:
+            parser.error(f"name the file of {row['mesh']}, too: the rows are of it")
+        if not row["error"]:
             samples[row["attack"]].append(Sample(row, inspect(row)))
     count = len(next(iter(samples.values())))
     meshes = {s.mesh for own in samples.values() for s in own}

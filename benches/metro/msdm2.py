@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The lab's MSDM2 beside a literal one, and that beside what the author's program printed.
+"""The lab's MSDM2 beside a literal one, and that beside the map of the author's program.
 
     python3 benches/metro/msdm2.py FILE.obj... [--binary target/release/quadmark]
     python3 benches/metro/msdm2.py --published cow.off cow_msdm2_reference.obj [--binary ...]
@@ -10,8 +10,9 @@ none of its code: one vertex after the other, in the plainest way.
 
 Pairs are each mesh with noise and with smoothing; prints one row per pair. With `--published` the pair
 is that of MEPP2's own test: an original, and the output that the test expects, which is the other mesh
-with the local values as colours, from the least to the largest in 255 steps (both in MEPP2's
-`Testing/Data`; the cow is the common one of 2904 vertices). Each vertex's step is compared.
+with its local values as colours, from the least to the largest in 255 steps (both in MEPP2's
+`Testing/Data`; the cow is the common one of 2904 vertices). Each vertex's step is compared: one way,
+and up to a factor and an offset, since the values themselves are not in it.
 """
 
 import argparse
@@ -107,27 +108,41 @@ def curvatures(shape, radius):
 
 
 def matched(a, b):
-    """Per vertex of a, the closest point of b, its triangle and weights there."""
+    """Per vertex of a, the closest point of b, and (corner, weight) pairs for the curvature there: the
+    areas that the vertex itself spans with the two other corners of its triangle. Where several
+    triangles share the closest point, the program takes the one that its search meets first; this
+    takes the mean of them."""
     around = [[] for _ in b.vertices]
     for f, corners in enumerate(b.faces.tolist()):
         for v in corners:
             around[v].append(f)
-    _, near = cKDTree(b.vertices).query(a.vertices, k=min(24, len(b.vertices)))
-    places = numpy.empty_like(a.vertices)
-    triangles = numpy.empty(len(a.vertices), dtype=int)
-    for vertex, candidates in enumerate(near):
-        faces = sorted({f for v in candidates for f in around[v]})
-        corners = b.vertices[b.faces[faces]]
-        points = trimesh.triangles.closest_point(corners, numpy.repeat(a.vertices[vertex][None], len(faces), 0))
-        best = int(((points - a.vertices[vertex]) ** 2).sum(1).argmin())
-        places[vertex], triangles[vertex] = points[best], faces[best]
-    weights = trimesh.triangles.points_to_barycentric(b.vertices[b.faces[triangles]], places)
-    return places, triangles, numpy.nan_to_num(weights, nan=1 / 3)
+    sides = b.vertices[b.faces] - b.vertices[b.faces[:, [1, 2, 0]]]
+    longest = float(numpy.linalg.norm(sides, axis=2).max())
+    tree = cKDTree(b.vertices)
+    places, shares = numpy.empty_like(a.vertices), []
+    for vertex, place in enumerate(a.vertices):
+        # The closest point is no farther than the closest vertex, and its corners a side from there.
+        reach = (tree.query(place)[0] + longest) * (1 + 1e-9)
+        faces = numpy.array(sorted({f for v in tree.query_ball_point(place, reach) for f in around[v]}))
+        points = trimesh.triangles.closest_point(
+            b.vertices[b.faces[faces]], numpy.repeat(place[None], len(faces), 0))
+        distances = numpy.linalg.norm(points - place, axis=1)
+        places[vertex] = points[int(distances.argmin())]
+        same = numpy.linalg.norm(points - places[vertex], axis=1) <= 1e-9 * longest
+        own = []
+        for corners in b.faces[faces[same]].tolist():
+            p, q, r = (b.vertices[v] - place for v in corners)
+            areas = [float(numpy.linalg.norm(numpy.cross(*pair))) for pair in ((q, r), (r, p), (p, q))]
+            total = sum(areas)
+            own += [(v, (area / total if total > 0 else 1 / 3) / same.sum())
+                    for v, area in zip(corners, areas)]
+        shares.append(own)
+    return places, shares
 
 
 def local_values(a, b):
     """Per vertex of a, how different b is around it."""
-    places, triangles, weights = matched(a, b)
+    places, shares = matched(a, b)
     feet = [tuple(p) for p in places.tolist()]
     local = numpy.zeros(len(a.vertices))
     for share_of_side in RADII:
@@ -135,7 +150,7 @@ def local_values(a, b):
         radius = share_of_side * a.side
         own = curvatures(a, radius)
         other = curvatures(b, radius) * a.side / b.side
-        other = (other[b.faces[triangles]] * weights).sum(1)
+        other = [sum(weight * other[v] for v, weight in own_shares) for own_shares in shares]
         window = 5 * radius
         for vertex in range(len(a.vertices)):
             samples = [(own[vertex], other[vertex], a.places[vertex], feet[vertex])]
@@ -221,11 +236,11 @@ def step(colour):
         return round((b - 33 / 64) * 64)
     if r == 0 and b == 1:
         return 31 + round(g * 64)
-    if g == 1 and not (r == 1 and b == 0):
+    if r == 1 and b == 0:
+        return 160 + round((1 - g) * 64)
+    if g == 1:
         return 95 + round(r * 64)
-    if r == 1:
-        return 159 + round((1 - g) * 64)
-    return 223 + round((1 - r) * 64)
+    return 224 + round((1 - r) * 64)
 
 
 def coloured(path):
@@ -257,6 +272,8 @@ def main():
     parser.add_argument("--published", nargs=2, type=pathlib.Path, metavar=("ORIGINAL", "REFERENCE"))
     parser.add_argument("--binary", default="target/release/quadmark")
     options = parser.parse_args()
+    if not options.meshes and not options.published:
+        parser.error("name meshes, or a published pair")
     if options.published:
         published(*options.published, options.binary)
     if not options.meshes:
@@ -273,6 +290,10 @@ def main():
             steps /= numpy.linalg.norm(steps, axis=1, keepdims=True)
             changes[f"noise {100 * share:g} %"] = vertices + share * size * steps
         changes["smoothing 0.5 x 3"] = smoothed(vertices, faces, 3)
+        # The same in other languages: no random numbers.
+        waves = numpy.sin(vertices / size * (97, 101, 103))
+        for share in (0.002, 0.02):
+            changes[f"waves {100 * share:g} %"] = vertices + share * size * waves
         for name, moved in changes.items():
             lab = by_the_lab(options.binary, (vertices, faces), (moved, faces))
             literal = msdm2(Shape(vertices, faces), Shape(moved, faces))

@@ -2,7 +2,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,7 +16,7 @@ use quadmark::lab::summary::groups;
 use quadmark::watermark::{BitCount, Method, Strength};
 use serde_json::json;
 
-use super::{Failure, Outcome, files, limits};
+use super::{Failure, Outcome, files, limits, names};
 
 #[derive(clap::Args)]
 pub(super) struct Arguments {
@@ -46,9 +46,9 @@ pub(super) struct Arguments {
     /// Families of attacks, separated by commas, instead of all (`none` is the mark itself).
     #[arg(long, value_delimiter = ',')]
     attacks: Vec<String>,
-    /// results.csv of an earlier run with this seed (or unfinished.csv, which a run leaves that was
-    /// killed), reported together with this run's; may be repeated. What stands there is not made
-    /// again: a run that was ended goes on.
+    /// results.csv of an earlier run with this seed and these files in this order (or unfinished.csv,
+    /// which a run leaves that was killed), reported together with this run's; may be repeated. What
+    /// stands there is not made again: a run that was ended goes on.
     #[arg(long)]
     rows: Vec<PathBuf>,
     /// Marks per mesh and setting, each with a random key and message; the grid's own number (paper
@@ -133,23 +133,13 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The hosts, called as their files are, without the ending; by their whole paths where files in
-/// several folders are called alike.
+/// The hosts.
 fn subjects(paths: &[PathBuf]) -> Result<Vec<Subject>, Failure> {
-    let stem = |path: &Path| path.file_stem().unwrap_or(path.as_os_str()).to_owned();
-    let mut subjects = Vec::with_capacity(paths.len());
-    for (number, path) in paths.iter().enumerate() {
-        if paths.iter().take(number).any(|earlier| earlier == path) {
-            return Err(Failure(format!("{} is named twice: once is enough", path.display())));
-        }
-        let alike = paths.iter().filter(|other| stem(other) == stem(path)).count() > 1;
-        let name = if alike { path.as_os_str().to_owned() } else { stem(path) };
-        let subject =
-            Subject::read(name.to_string_lossy().into_owned(), files::read(path)?, &limits())
-                .map_err(|error| Failure(format!("{}: {error}", path.display())))?;
-        subjects.push(subject);
-    }
-    Ok(subjects)
+    let read = |(path, name): (&PathBuf, String)| {
+        Subject::read(name, files::read(path)?, &limits())
+            .map_err(|error| Failure(format!("{}: {error}", path.display())))
+    };
+    paths.iter().zip(names::of(paths)?).map(read).collect()
 }
 
 /// The rows of earlier runs.

@@ -11,6 +11,7 @@ mod health;
 mod inspect;
 mod keys;
 mod lab;
+mod names;
 mod sample;
 mod serve;
 mod verify;

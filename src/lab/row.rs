@@ -30,6 +30,10 @@ pub struct Row {
     pub budget: Option<f64>,
     /// Number of the trial.
     pub trial: usize,
+    /// Seed of the run. Like the next, not in rows of earlier versions.
+    pub seed: Option<u64>,
+    /// Place of the host among the files of the run, from 0.
+    pub place: Option<usize>,
     /// The method that chose the positions.
     pub method_used: Option<String>,
     /// The strength that was used.
@@ -68,10 +72,6 @@ pub struct Row {
     pub attacked_hausdorff: Option<f64>,
     /// Why there is nothing to tell.
     pub error: Option<String>,
-    /// Seed of the run. Like the next, not in rows of earlier versions.
-    pub seed: Option<u64>,
-    /// Place of the host among the files of the run, from 0.
-    pub place: Option<usize>,
 }
 
 /// All rows as CSV with a header line.

@@ -36,7 +36,8 @@ impl Subject {
         Ok(Self { name, bytes, asset, surface, measured: OnceLock::new() })
     }
 
-    /// Its surface as attacked meshes are measured against; prepared when first asked for.
+    /// Its surface as attacked meshes are measured against; prepared when first asked for, in
+    /// parallel: other workers wait, each in a pool of its own.
     pub(super) fn measured(&self) -> Option<&Measured> {
         self.measured.get_or_init(|| measures::measured(&self.surface)).as_ref()
     }

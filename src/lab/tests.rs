@@ -139,26 +139,37 @@ fn rows_that_cannot_be_of_a_run_are_refused() {
     let rows = rows_of(&plan);
     let check = |rows: &[Row], plan: Plan<'_>| Plan { known: rows, ..plan }.check_known();
     assert_eq!(check(&rows, plan), Ok(()));
-    // Rows of versions that did not write them.
-    let silent: Vec<Row> =
-        rows.iter().map(|row| Row { seed: None, place: None, ..row.clone() }).collect();
-    assert_eq!(check(&silent, Plan { seed: 8, ..plan }), Ok(()));
+    // Rows of versions that had no such columns.
+    let csv = String::from_utf8(to_csv(&rows).unwrap()).unwrap();
+    let older =
+        csv.replacen(",seed,place,", ",", 1).replace(",0,7,0,", ",0,").replace(",0,7,1,", ",0,");
+    let older = from_csv(older.as_bytes()).unwrap();
+    assert!(older.len() == 2 && older.iter().all(|row| (row.seed, row.place) == (None, None)));
+    assert_eq!(check(&older, Plan { seed: 8, ..plan }), Ok(()));
     let other_mesh = [subject(Sample::Blob, 4000), subject(Sample::Knot, 3000)];
     let turned = [subject(Sample::Knot, 3000), subject(Sample::Blob, 3000)];
     let elsewhere = [subject(Sample::Gear, 3000)];
-    let cases: [(Plan<'_>, Option<&str>); 4] = [
-        (Plan { seed: 8, ..plan }, Some("--seed 7")),
-        (Plan { subjects: &turned, ..plan }, Some("was file 1")),
-        (Plan { subjects: &other_mesh, ..plan }, Some("another mesh")),
-        (Plan { subjects: &elsewhere, seed: 8, ..plan }, None),
+    let mut renamed = [subject(Sample::Blob, 3000), subject(Sample::Knot, 3000)];
+    renamed[0].name = "one/blob".into();
+    let in_another_order = rows_of(&Plan { subjects: &turned, ..plan });
+    let mixed = [rows.as_slice(), &in_another_order].concat();
+    let larger = Row { diagonal: 2.0 * rows[0].diagonal, ..rows[0].clone() };
+    let scaled = [rows.as_slice(), std::slice::from_ref(&larger)].concat();
+    let cases: [(&[Row], Plan<'_>, &str); 7] = [
+        (&rows, Plan { seed: 8, ..plan }, "--seed 7"),
+        (&rows, Plan { subjects: &elsewhere, seed: 8, ..plan }, "--seed 7"),
+        (&rows, Plan { subjects: &turned, ..plan }, "was file 1"),
+        (&rows, Plan { subjects: &other_mesh, ..plan }, "another mesh"),
+        (&rows, Plan { subjects: &renamed, ..plan }, "name of then"),
+        (&mixed, plan, "of one run"),
+        (&scaled, plan, "another mesh"),
     ];
-    for (plan, said) in cases {
-        match (check(&rows, plan), said) {
-            (Ok(()), None) => {}
-            (Err(error), Some(said)) => assert!(error.to_string().contains(said), "{error}"),
-            other => panic!("{other:?}"),
-        }
+    for (rows, plan, said) in cases {
+        let error = check(rows, plan).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
     }
+    // Of hosts that are none of the files.
+    assert_eq!(check(&rows, Plan { subjects: &elsewhere, ..plan }), Ok(()));
 }
 
 #[test]

@@ -242,6 +242,8 @@ impl Trial<'_> {
             closed_loop: self.setting.closed_loop,
             budget: self.setting.budget,
             trial: self.trial,
+            seed: Some(self.seed),
+            place: Some(self.number),
             attack: attack.to_string(),
             family: attack.family().to_owned(),
             amount: attack.amount(),
@@ -261,8 +263,6 @@ impl Trial<'_> {
             attacked_mrms: None,
             attacked_hausdorff: None,
             error: None,
-            seed: Some(self.seed),
-            place: Some(self.number),
         }
     }
 }

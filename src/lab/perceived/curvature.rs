@@ -1,6 +1,6 @@
 //! Mean curvature from the edges within a ball (D. Cohen-Steiner and J.-M. Morvan, *Restricted
-//! Delaunay triangulations and normal cycle*, Symposium on
-//! Computational Geometry 2003).
+//! Delaunay triangulations and normal cycle*, Symposium on Computational Geometry 2003), those of
+//! them that lead away from its centre.
 
 use std::f64::consts::{PI, TAU};
 
@@ -23,7 +23,7 @@ pub struct Shape<'a> {
 pub struct Spoke {
     /// The other end.
     pub to: u32,
-    /// Angle between the triangles' normals, positive where the edge is convex.
+    /// Arc sine of the angle between the triangles' normals, positive where the edge is convex.
     pub angle: f64,
 }
 
@@ -251,6 +251,21 @@ mod tests {
                 inner.filter(|(p, _)| (p.z - middle).abs() < 0.8).map(|(_, c)| *c).collect();
             let mean = inner.iter().sum::<f64>() / inner.len() as f64;
             assert!((mean / expected - 1.0).abs() < 0.08, "{mean} for {expected}");
+        }
+    }
+
+    /// Two triangles that meet at the x axis, the second folded by an angle.
+    #[test]
+    fn angles_are_known_by_their_sines() {
+        for (fold, expected) in [(0.5, 0.5), (1.5, 1.5), (2.0, PI - 2.0), (-0.7, -0.7)] {
+            let (sine, cosine) = f64::sin_cos(fold);
+            let positions = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(0.0, -cosine, -sine)];
+            let mesh = Mesh::new(positions, vec![[0, 1, 2], [1, 0, 3]]).unwrap();
+            let surface = Surface::new(&mesh);
+            let shape = Shape::new(&surface);
+            let angles = shape.spokes.iter().map(|spoke| spoke.angle);
+            let largest = angles.fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+            assert!((largest - expected).abs() < 1e-9, "{largest} for a fold of {fold}");
         }
     }
 

@@ -1,6 +1,7 @@
 //! What the paper's text says of its figures, beside what was measured. (The curves themselves are
 //! not in the text.)
 
+use super::paper;
 use super::reasons::{self, ALIKE, Bounds};
 use super::table::{Cell, Table};
 use super::tables::distinct;
@@ -179,8 +180,8 @@ fn compared(mesh: &str, groups: &[&Group], claim: &Comparison) -> Option<Vec<Cel
 }
 
 fn reached(mesh: &str, groups: &[&Group], level: &Level) -> Option<Vec<Cell>> {
-    let said = level.meshes.is_empty()
-        || level.meshes.iter().any(|name| mesh.to_lowercase().starts_with(name));
+    let said =
+        level.meshes.is_empty() || level.meshes.iter().any(|name| paper::is_called(mesh, name));
     let at = |g: &&&Group| {
         let amount = |asked: f64| g.amount.is_some_and(|a| (a - asked).abs() < 1e-9);
         said && g.family == level.family && level.amount.is_none_or(amount)

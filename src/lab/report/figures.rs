@@ -1,6 +1,8 @@
 //! Which figures a report shows: any family of attacks with three amounts or more, and any sweep of
 //! strengths or bits.
 
+use std::collections::BTreeSet;
+
 use super::plot::{Axis, Plot, Series};
 use super::tables::{distinct, label};
 use crate::lab::grid::Grid;
@@ -38,7 +40,21 @@ pub fn figures(grid: Grid, groups: &[Group]) -> Vec<Figure> {
             }
         }
     }
+    told_apart(&mut all);
     all
+}
+
+/// Numbers the names that hosts with different names come to share as files.
+fn told_apart(figures: &mut [Figure]) {
+    let mut known = BTreeSet::new();
+    for figure in figures {
+        let first = figure.name.clone();
+        let mut number = 1;
+        while !known.insert(figure.name.clone()) {
+            number += 1;
+            figure.name = format!("{first}-{number}");
+        }
+    }
 }
 
 /// The paper's number for a family's figure.
@@ -183,4 +199,23 @@ fn colour(method: &str, otherwise: usize) -> usize {
 fn file_name(text: &str) -> String {
     let words = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|w| !w.is_empty());
     words.map(str::to_ascii_lowercase).collect::<Vec<_>>().join("-")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_figure_has_the_file_of_another() {
+        let figure = |mesh: &str| {
+            let axis = Axis::from_zero("", 1.0);
+            let plot = Plot { title: mesh.into(), x: axis.clone(), y: axis, series: Vec::new() };
+            Figure { name: file_name(&format!("figure-5-{mesh}")), plot }
+        };
+        let mut all = ["x/blob", "x-blob", "Gear_1", "gear-1", "gear-1-2", "面", "鏡"].map(figure);
+        told_apart(&mut all);
+        let names = all.each_ref().map(|figure| figure.name.as_str());
+        let expected = ["-x-blob", "-x-blob-2", "-gear-1", "-gear-1-2", "-gear-1-2-2", "", "-2"];
+        assert_eq!(names, expected.map(|end| format!("figure-5{end}")));
+    }
 }

@@ -23,17 +23,22 @@ const TABLE_2_LOOP: [(&str, [f64; 4]); 3] = [
 
 const METHODS: [&str; 4] = ["qsp-mean", "qsp-var", "cho-mean", "cho-var"];
 
+/// Whether a mesh, of whose name folders may be a part, is named after one of the paper's.
+#[must_use]
+pub fn is_called(mesh: &str, name: &str) -> bool {
+    mesh.rsplit('/').next().is_some_and(|last| last.to_lowercase().starts_with(name))
+}
+
 fn in_table(table: &[(&str, [f64; 4])], mesh: &str, method: &str) -> Option<f64> {
     let column = METHODS.iter().position(|&name| name == method)?;
-    let (_, row) = table.iter().find(|(name, _)| mesh.to_lowercase().starts_with(name))?;
+    let (_, row) = table.iter().find(|(name, _)| is_called(mesh, name))?;
     row.get(column).copied()
 }
 
 /// Vertices of the paper's mesh, for files named after one.
 #[must_use]
 pub fn vertices(mesh: &str) -> Option<usize> {
-    let named = |(name, _): &&(&str, usize)| mesh.to_lowercase().starts_with(name);
-    VERTICES.iter().find(named).map(|(_, count)| *count)
+    VERTICES.iter().find(|(name, _)| is_called(mesh, name)).map(|(_, count)| *count)
 }
 
 /// Whether marks are made as strong and as long as the paper's of its tables.

@@ -1,0 +1,79 @@
+//! What hosts are called: as their files are, without the ending, and by as many of the folders above
+//! as it takes to tell them apart.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use super::Failure;
+
+/// One name a file, all different.
+///
+/// # Errors
+/// When a file is named twice, whatever the spelling, or names cannot be told apart.
+pub(super) fn of(paths: &[PathBuf]) -> Result<Vec<String>, Failure> {
+    // A file that cannot be found is told of when it is read.
+    let whole = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let whole: Vec<PathBuf> = paths.iter().map(whole).collect();
+    for (number, path) in whole.iter().enumerate() {
+        if whole.iter().take(number).any(|earlier| earlier == path) {
+            return Err(Failure(format!("{} is named twice: once is enough", path.display())));
+        }
+    }
+    let names: Vec<String> = whole.iter().map(|path| shortest(path, &whole)).collect();
+    let mut known = BTreeSet::new();
+    match names.iter().find(|name| !known.insert(name.as_str())) {
+        Some(name) => Err(Failure(format!("two files would be called {name}: rename one"))),
+        None => Ok(names),
+    }
+}
+
+/// The shortest end of a path that no other has, without the ending if that is enough.
+fn shortest(path: &Path, all: &[PathBuf]) -> String {
+    let own = |end: &dyn Fn(&Path) -> String| {
+        let text = end(path);
+        let shared = all.iter().filter(|other| end(other) == text).count() > 1;
+        (!shared).then_some(text)
+    };
+    let count = path.components().count();
+    let without = (1..=count).find_map(|n| own(&|path| end(&path.with_extension(""), n)));
+    without
+        .or_else(|| (1..=count).find_map(|n| own(&|path| end(path, n))))
+        .unwrap_or_else(|| end(path, count))
+}
+
+/// The last `count` parts of a path.
+fn end(path: &Path, count: usize) -> String {
+    let parts: Vec<_> =
+        path.components().map(|part| part.as_os_str().to_string_lossy().into_owned()).collect();
+    let first = parts.len().saturating_sub(count);
+    parts.get(first..).unwrap_or_default().join("/")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_short_and_tell_files_apart() {
+        let cases: [(&[&str], &[&str]); 5] = [
+            (&["m/bunny.obj", "m/gear.obj"], &["bunny", "gear"]),
+            (&["one/blob.obj", "two/blob.obj"], &["one/blob", "two/blob"]),
+            (&["a/x/blob.obj", "b/x/blob.obj", "c.obj"], &["a/x/blob", "b/x/blob", "c"]),
+            (&["m/blob.obj", "m/blob.glb"], &["blob.obj", "blob.glb"]),
+            (&["scan.v2.obj"], &["scan.v2"]),
+        ];
+        for (paths, expected) in cases {
+            let paths: Vec<PathBuf> = paths.iter().map(PathBuf::from).collect();
+            match of(&paths) {
+                Ok(names) => assert_eq!(names, expected),
+                Err(Failure(text)) => panic!("{text}"),
+            }
+        }
+        for refused in [["a/blob.obj", "a/blob.obj"], ["blob.obj.glb", "blob.obj"]] {
+            let paths = refused.map(PathBuf::from);
+            let named = of(&paths);
+            let twice = refused[0] == refused[1];
+            assert_eq!(named.is_err(), twice, "{refused:?}");
+        }
+    }
+}
