@@ -12,13 +12,16 @@ use super::Failure;
 /// When a file is named twice, whatever the spelling, or names cannot be told apart.
 pub(super) fn of(paths: &[PathBuf]) -> Result<Vec<String>, Failure> {
     // A file that cannot be found is told of when it is read.
-    let whole = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
-    let whole: Vec<PathBuf> = paths.iter().map(whole).collect();
-    for (number, path) in whole.iter().enumerate() {
-        if whole.iter().take(number).any(|earlier| earlier == path) {
+    let found = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let found: Vec<PathBuf> = paths.iter().map(found).collect();
+    for (number, (path, file)) in paths.iter().zip(&found).enumerate() {
+        if found.iter().take(number).any(|earlier| earlier == file) {
             return Err(Failure(format!("{} is named twice: once is enough", path.display())));
         }
     }
+    // By what the user calls it, not by what a link leads to.
+    let whole = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
+    let whole: Vec<PathBuf> = paths.iter().map(whole).collect();
     let names: Vec<String> = whole.iter().map(|path| shortest(path, &whole)).collect();
     let mut known = BTreeSet::new();
     match names.iter().find(|name| !known.insert(name.as_str())) {
@@ -53,27 +56,39 @@ fn end(path: &Path, count: usize) -> String {
 mod tests {
     use super::*;
 
+    fn named(paths: &[&str]) -> Result<Vec<String>, String> {
+        let paths: Vec<PathBuf> = paths.iter().map(PathBuf::from).collect();
+        of(&paths).map_err(|Failure(text)| text)
+    }
+
     #[test]
     fn names_are_short_and_tell_files_apart() {
-        let cases: [(&[&str], &[&str]); 5] = [
+        let cases: [(&[&str], &[&str]); 6] = [
             (&["m/bunny.obj", "m/gear.obj"], &["bunny", "gear"]),
             (&["one/blob.obj", "two/blob.obj"], &["one/blob", "two/blob"]),
             (&["a/x/blob.obj", "b/x/blob.obj", "c.obj"], &["a/x/blob", "b/x/blob", "c"]),
             (&["m/blob.obj", "m/blob.glb"], &["blob.obj", "blob.glb"]),
             (&["scan.v2.obj"], &["scan.v2"]),
+            (&["blob.obj.glb", "blob.obj"], &["blob.obj", "blob"]),
         ];
         for (paths, expected) in cases {
-            let paths: Vec<PathBuf> = paths.iter().map(PathBuf::from).collect();
-            match of(&paths) {
-                Ok(names) => assert_eq!(names, expected),
-                Err(Failure(text)) => panic!("{text}"),
-            }
+            assert_eq!(named(paths).unwrap(), expected);
         }
-        for refused in [["a/blob.obj", "a/blob.obj"], ["blob.obj.glb", "blob.obj"]] {
-            let paths = refused.map(PathBuf::from);
-            let named = of(&paths);
-            let twice = refused[0] == refused[1];
-            assert_eq!(named.is_err(), twice, "{refused:?}");
-        }
+        assert!(named(&["a/blob.obj", "a/blob.obj"]).unwrap_err().contains("named twice"));
+        // The first two are told apart by their endings, the third is called like one without its.
+        let clash = ["m/blob.obj", "m/blob.glb", "n/blob.obj.glb"];
+        assert!(named(&clash).unwrap_err().contains("would be called blob.obj"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_is_called_by_its_own_name_and_is_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let [file, link] = ["5fe2.obj", "bunny.obj"].map(|name| folder.path().join(name));
+        std::fs::write(&file, "").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        let [file, link] = [&file, &link].map(|path| path.to_string_lossy().into_owned());
+        assert_eq!(named(&[&link]).unwrap(), ["bunny"]);
+        assert!(named(&[&file, &link]).unwrap_err().contains("bunny.obj is named twice"));
     }
 }
