@@ -71,13 +71,13 @@ pub enum Stranger {
 
 /// What a mesh is known by.
 #[derive(Clone, Copy)]
-struct Shape {
+struct Identity {
     vertices: usize,
     triangles: usize,
     diagonal: f64,
 }
 
-impl Shape {
+impl Identity {
     fn of_row(row: &Row) -> Self {
         Self { vertices: row.vertices, triangles: row.triangles, diagonal: row.diagonal }
     }
@@ -94,10 +94,24 @@ impl Shape {
         self.vertices == other.vertices && self.triangles == other.triangles && alike
     }
 
-    fn said(self) -> String {
-        let Self { vertices, triangles, diagonal } = self;
-        format!("{vertices} vertices, {triangles} triangles, diagonal {diagonal}")
+    /// # Errors
+    /// [`Stranger::Host`], when `other` is another mesh.
+    fn must_be(self, other: Self, mesh: &str) -> Result<(), Stranger> {
+        if self.is(other) {
+            return Ok(());
+        }
+        let said = |Self { vertices, triangles, diagonal }| {
+            format!("{vertices} vertices, {triangles} triangles, diagonal {diagonal}")
+        };
+        Err(Stranger::Host { mesh: mesh.to_owned(), theirs: said(self), ours: said(other) })
     }
+}
+
+/// What the rows of one host say of it.
+struct Told {
+    identity: Identity,
+    /// Its place among the files, if any row says it.
+    place: Option<usize>,
 }
 
 impl Plan<'_> {
@@ -107,50 +121,51 @@ impl Plan<'_> {
     /// # Errors
     /// [`Stranger`], by the first row that cannot.
     pub fn check_known(&self) -> Result<(), Stranger> {
-        let mut firsts: BTreeMap<&str, &Row> = BTreeMap::new();
+        let mut hosts: BTreeMap<&str, Told> = BTreeMap::new();
         for row in self.known {
-            let mesh = || row.mesh.clone();
             if let Some(theirs) = row.seed.filter(|&seed| seed != self.seed) {
-                return Err(Stranger::Seed { mesh: mesh(), theirs, ours: self.seed });
+                return Err(Stranger::Seed { mesh: row.mesh.clone(), theirs, ours: self.seed });
             }
-            let first = *firsts.entry(&row.mesh).or_insert(row);
-            let (theirs, ours) = (Shape::of_row(row), Shape::of_row(first));
-            if !theirs.is(ours) {
-                let (theirs, ours) = (theirs.said(), ours.said());
-                return Err(Stranger::Host { mesh: mesh(), theirs, ours });
-            }
-            if let (Some(one), Some(other)) = (first.place, row.place)
-                && one != other
-            {
-                let [first, second] = [one, other].map(|place| place.saturating_add(1));
-                return Err(Stranger::Mixed { mesh: mesh(), first, second });
+            let identity = Identity::of_row(row);
+            let told = hosts.entry(&row.mesh).or_insert(Told { identity, place: row.place });
+            identity.must_be(told.identity, &row.mesh)?;
+            match (told.place, row.place) {
+                (Some(one), Some(other)) if one != other => {
+                    let [first, second] = [one, other].map(from_1);
+                    return Err(Stranger::Mixed { mesh: row.mesh.clone(), first, second });
+                }
+                (known, new) => told.place = known.or(new),
             }
         }
-        firsts.into_values().try_for_each(|row| self.check_host(row))
+        hosts.into_iter().try_for_each(|(mesh, told)| self.check_host(mesh, &told))
     }
 
-    /// Whether the host of a row is the file of that name, at its place.
-    fn check_host(&self, row: &Row) -> Result<(), Stranger> {
-        let mesh = row.mesh.clone();
-        let named = self.subjects.iter().position(|subject| subject.name == row.mesh);
-        let theirs = Shape::of_row(row);
-        if let Some((own, subject)) = named.and_then(|own| Some((own, self.subjects.get(own)?))) {
-            let ours = Shape::of_host(subject);
-            if !theirs.is(ours) {
-                return Err(Stranger::Host { mesh, theirs: theirs.said(), ours: ours.said() });
-            }
-            let place = row.place.unwrap_or(own);
-            let [theirs, ours] = [place, own].map(|place| place.saturating_add(1));
-            return if place == own { Ok(()) } else { Err(Stranger::Place { mesh, theirs, ours }) };
+    /// Whether a host of rows is the file of that name, at its place.
+    fn check_host(&self, mesh: &str, told: &Told) -> Result<(), Stranger> {
+        let mut files = self.subjects.iter().enumerate();
+        if let Some((own, subject)) = files.find(|(_, subject)| subject.name == mesh) {
+            told.identity.must_be(Identity::of_host(subject), mesh)?;
+            return match told.place.filter(|&place| place != own) {
+                None => Ok(()),
+                Some(place) => {
+                    let [theirs, ours] = [place, own].map(from_1);
+                    Err(Stranger::Place { mesh: mesh.to_owned(), theirs, ours })
+                }
+            };
         }
-        let there = row.place.and_then(|place| Some((place, self.subjects.get(place)?)));
-        match there.filter(|(_, subject)| theirs.is(Shape::of_host(subject))) {
+        let there = told.place.and_then(|place| Some((place, self.subjects.get(place)?)));
+        match there.filter(|(_, subject)| told.identity.is(Identity::of_host(subject))) {
+            None => Ok(()),
             Some((place, subject)) => Err(Stranger::Name {
-                place: place.saturating_add(1),
-                theirs: mesh,
+                place: from_1(place),
+                theirs: mesh.to_owned(),
                 ours: subject.name.clone(),
             }),
-            None => Ok(()),
         }
     }
+}
+
+/// A place as people count, whatever a file says.
+fn from_1(place: usize) -> usize {
+    place.saturating_add(1)
 }

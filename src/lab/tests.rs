@@ -146,6 +146,8 @@ fn rows_that_cannot_be_of_a_run_are_refused() {
     let older = from_csv(older.as_bytes()).unwrap();
     assert!(older.len() == 2 && older.iter().all(|row| (row.seed, row.place) == (None, None)));
     assert_eq!(check(&older, Plan { seed: 8, ..plan }), Ok(()));
+    // Older ones, gone on with: the later rows tell.
+    let gone_on_with = [older.as_slice(), &rows].concat();
     let other_mesh = [subject(Sample::Blob, 4000), subject(Sample::Knot, 3000)];
     let turned = [subject(Sample::Knot, 3000), subject(Sample::Blob, 3000)];
     let elsewhere = [subject(Sample::Gear, 3000)];
@@ -155,10 +157,11 @@ fn rows_that_cannot_be_of_a_run_are_refused() {
     let mixed = [rows.as_slice(), &in_another_order].concat();
     let larger = Row { diagonal: 2.0 * rows[0].diagonal, ..rows[0].clone() };
     let scaled = [rows.as_slice(), std::slice::from_ref(&larger)].concat();
-    let cases: [(&[Row], Plan<'_>, &str); 7] = [
+    let cases: [(&[Row], Plan<'_>, &str); 8] = [
         (&rows, Plan { seed: 8, ..plan }, "--seed 7"),
         (&rows, Plan { subjects: &elsewhere, seed: 8, ..plan }, "--seed 7"),
         (&rows, Plan { subjects: &turned, ..plan }, "was file 1"),
+        (&gone_on_with, Plan { subjects: &turned, ..plan }, "was file 1"),
         (&rows, Plan { subjects: &other_mesh, ..plan }, "another mesh"),
         (&rows, Plan { subjects: &renamed, ..plan }, "name of then"),
         (&mixed, plan, "of one run"),
