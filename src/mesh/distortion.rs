@@ -47,6 +47,12 @@ impl Measured {
         (!samples.is_empty()).then_some(Self { samples, closest, diagonal })
     }
 
+    /// The surface's closest points.
+    #[must_use]
+    pub fn closest(&self) -> &Closest {
+        &self.closest
+    }
+
     /// Measures this against `other` and `other` against this.
     #[must_use]
     pub fn against(&self, other: &Self) -> Distortion {

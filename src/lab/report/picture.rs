@@ -71,15 +71,16 @@ fn gallery(
         caption: "host".into(),
         uri: uri(&draw(host, &view, &vec![COLD; host.positions().len()])),
     }];
-    let Some(surface) = Closest::new(&subject.surface) else {
+    let Some(measured) = subject.measured() else {
         return Gallery { mesh: subject.name.clone(), pictures };
     };
+    let surface = measured.closest();
     let diagonal = subject.surface.diagonal();
     let trials = shown_trials(plan, number, subject);
     for (k, trial) in trials.iter().enumerate() {
         let Ok(marked) = trial.mark(stop) else { continue };
         let what = format!("marked, {} {}", trial.setting.method, marked.report.strength.get());
-        pictures.push(heated(&marked.mesh, &view, &surface, diagonal, &what));
+        pictures.push(heated(&marked.mesh, &view, surface, diagonal, &what));
         if k > 0 {
             continue;
         }
@@ -88,7 +89,7 @@ fn gallery(
             if strongest(trial.attacks, attack)
                 && let Ok(mesh) = trial.attack(&marked.report, &target, attack, place)
             {
-                pictures.push(heated(&mesh, &view, &surface, diagonal, &attack.to_string()));
+                pictures.push(heated(&mesh, &view, surface, diagonal, &attack.to_string()));
             }
         }
     }
