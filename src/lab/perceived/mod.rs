@@ -173,7 +173,7 @@ mod tests {
         let cases = [(shaken(0.002), 0.116_519), (shaken(0.02), 0.539_724), (smoothed, 0.363_210)];
         for (changed, literal) in cases {
             let lab = between(&host, &changed);
-            assert!((lab - literal).abs() < 2e-6, "{lab} for {literal}");
+            assert!((lab - literal).abs() < 1e-6, "{lab} for {literal}");
         }
     }
 
