@@ -57,6 +57,24 @@ fn hosts_of_one_name_are_told_apart() {
 }
 
 #[test]
+fn names_that_stand_for_nothing_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    sample(folder.path());
+    let cases = [
+        (["--experiments", "figure"], "is called figure; there are: quick"),
+        (["--attacks", "noise,nois"], "is called nois; there are: "),
+        (["--attacks", "quantization"], "quantisation"),
+    ];
+    for (arguments, said) in cases {
+        let refused = lab(folder.path(), "1").args(arguments).output().unwrap();
+        assert_eq!(refused.status.code(), Some(2));
+        let error = String::from_utf8_lossy(&refused.stderr);
+        assert!(error.contains(said), "{error}");
+        assert!(!folder.path().join("out").exists());
+    }
+}
+
+#[test]
 fn a_run_leaves_rows_a_summary_and_a_page_that_stands_alone() {
     let folder = tempfile::tempdir().unwrap();
     sample(folder.path());
@@ -67,6 +85,7 @@ fn a_run_leaves_rows_a_summary_and_a_page_that_stands_alone() {
     assert!(lines > 15, "{rows}");
     let summary: serde_json::Value = serde_json::from_str(&read("summary.json")).unwrap();
     assert_eq!(summary["complete"], true);
+    assert_eq!(summary["trials"], 1);
     assert_eq!(summary["groups"].as_array().unwrap().len(), lines - 1);
     let page = read("report.html");
     assert!(page.contains("What the marks survive: blob") && page.contains("data:image/png"));
@@ -75,6 +94,12 @@ fn a_run_leaves_rows_a_summary_and_a_page_that_stands_alone() {
     }
     assert!(lab(folder.path(), "1").output().unwrap().status.success());
     assert!(rows == read("results.csv"), "the same seed gives the same rows");
+    let known = folder.path().join("known.csv");
+    fs::rename(folder.path().join("out/results.csv"), &known).unwrap();
+    let redrawn = lab(folder.path(), "0").arg("--rows").arg(&known).output().unwrap();
+    assert!(redrawn.status.success() && rows == read("results.csv"));
+    let again: serde_json::Value = serde_json::from_str(&read("summary.json")).unwrap();
+    assert!(again == summary, "a summary of rows is that of their run");
 }
 
 #[cfg(unix)]

@@ -8,7 +8,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use quadmark::lab::grid::{Choices, Grid};
+use quadmark::lab::attacks::Attack;
+use quadmark::lab::grid::{Choices, Experiment, Grid};
 use quadmark::lab::report::{Report, galleries};
 use quadmark::lab::row::{Journal, Row, from_csv, merged, to_csv};
 use quadmark::lab::run::{Plan, Progress, Subject, Watch};
@@ -64,16 +65,8 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
+    let experiments = experiments(arguments)?;
     let subjects = subjects(&arguments.files)?;
-    std::fs::create_dir_all(&arguments.out)?;
-    let choices = Choices {
-        methods: arguments.methods.clone(),
-        strengths: arguments.strengths.clone(),
-        bits: arguments.bits.clone(),
-    };
-    let mut experiments = arguments.grid.experiments(&choices);
-    let wanted = &arguments.experiments;
-    experiments.retain(|e| wanted.is_empty() || wanted.iter().any(|part| e.name.contains(part)));
     let rows = known_rows(&arguments.rows)?;
     let plan = Plan {
         subjects: &subjects,
@@ -84,6 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         known: &rows,
     };
     plan.check_known()?;
+    std::fs::create_dir_all(&arguments.out)?;
     let kept = Kept::begin(arguments.out.join("unfinished.csv"), &arguments.rows, &rows)?;
     let stopped = stop_on_ctrl_c()?;
     let meter = Meter::new();
@@ -97,11 +91,12 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     meter.end();
 
     let groups = groups(&rows, arguments.threshold_log10);
+    let trials = groups.iter().map(|g| g.trials + g.failed).max().unwrap_or_default();
     let complete = || !stopped.load(Ordering::Relaxed);
     let summary = json!({
         "quadmark": env!("CARGO_PKG_VERSION"),
         "grid": arguments.grid.name(),
-        "trials": plan.trials,
+        "trials": trials,
         "seed": arguments.seed,
         "threshold_log10": arguments.threshold_log10,
         "complete": complete(),
@@ -117,7 +112,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let galleries = galleries(&plan, watch.stop);
     let report = Report {
         grid: arguments.grid,
-        trials: groups.iter().map(|g| g.trials + g.failed).max().unwrap_or_default(),
+        trials,
         seed: plan.seed,
         threshold: arguments.threshold_log10,
         complete,
@@ -131,6 +126,43 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     }
     eprintln!("{} rows in {}", rows.len(), arguments.out.display());
     Ok(ExitCode::SUCCESS)
+}
+
+/// The experiments that are asked for, each with all its attacks: an attack's place among them is what
+/// its random numbers depend on.
+///
+/// # Errors
+/// When a name stands for nothing: a run without it would look like one with it.
+fn experiments(arguments: &Arguments) -> Result<Vec<Experiment>, Failure> {
+    let choices = Choices {
+        methods: arguments.methods.clone(),
+        strengths: arguments.strengths.clone(),
+        bits: arguments.bits.clone(),
+    };
+    let (grid, wanted) = (arguments.grid.name(), &arguments.experiments);
+    let mut experiments = arguments.grid.experiments(&choices);
+    let names: Vec<&str> = experiments.iter().map(|e| e.name).collect();
+    if let Some(part) = wanted.iter().find(|part| !names.iter().any(|n| n.contains(part.as_str())))
+    {
+        let names = names.join(", ");
+        return Err(Failure(format!(
+            "no experiment of the {grid} grid is called {part}; there are: {names}"
+        )));
+    }
+    experiments.retain(|e| wanted.is_empty() || wanted.iter().any(|part| e.name.contains(part)));
+    let mut families: Vec<&str> =
+        experiments.iter().flat_map(|e| &e.attacks).map(Attack::family).collect();
+    families.sort_unstable();
+    families.dedup();
+    match arguments.attacks.iter().find(|family| !families.contains(&family.as_str())) {
+        Some(family) => {
+            let families = families.join(", ");
+            Err(Failure(format!(
+                "no attack of the {grid} grid is called {family}; there are: {families}"
+            )))
+        }
+        None => Ok(experiments),
+    }
 }
 
 /// The hosts.
