@@ -107,6 +107,30 @@ fn codewords(count: u32) -> Vec<Codeword> {
     (0..count).into_par_iter().map(codeword).collect()
 }
 
+/// Half of the bins a 1e-13th of the others, and half of those half disagree: a score that is the
+/// whole sum but for rounding. What could as well have disagreed is no evidence.
+#[test]
+fn agreement_counts_only_bins_that_could_have_disagreed() {
+    let bits = BitCount::default().get();
+    let z = |i: usize| if i % 2 == 0 { 1.0 } else { 1e-13 };
+    // All ones: what the weights are made from. (Half are at the cap, half far below.)
+    let soft = SoftBits::weighted((0..bits).map(z).collect());
+    let weights = soft.signed_weights();
+    let total: f64 = weights.iter().sum();
+    let disagreeing = (0..bits).filter(|i| i % 4 == 1);
+    let t = total - disagreeing.map(|i| 2.0 * weights[i]).sum::<f64>();
+    assert!(t >= total * (1.0 - 1e-12), "the score is full but for rounding");
+    // The truth: all of the 32 large ones agree, and at most half of the 32 small ones disagree.
+    let bound = soft.log10_bound(t);
+    let truth = -32.0 * std::f64::consts::LOG10_2 + 0.57_f64.log10();
+    assert!(bound >= truth, "{bound} {truth}");
+    // What agrees nearly by chance alone is nearly none.
+    let faint = SoftBits::weighted((0..bits).map(|i| if i < 40 { 1.0 } else { 1e-17 }).collect());
+    let full: f64 = faint.signed_weights().iter().sum();
+    let bound = faint.log10_bound(full);
+    assert!((bound + 40.0 * std::f64::consts::LOG10_2).abs() < 1e-9, "{bound}");
+}
+
 /// The least score whose bound is at most `log10_bound`; `None` if none is.
 fn least_score(soft: &SoftBits, log10_bound: f64) -> Option<f64> {
     let most: f64 = soft.signed_weights().iter().map(|w| w.abs()).sum();

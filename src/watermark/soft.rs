@@ -3,7 +3,7 @@
 //! Nothing here that enters a weight may depend on a codeword: the bound rests on that.
 
 use super::bins::BinStatistic;
-use super::bound::log10_chernoff;
+use super::bound::Tail;
 use super::{Codeword, Modulation};
 
 /// Per bin a sign and a weight.
@@ -87,6 +87,12 @@ impl SoftBits {
     /// `t` or more: one hypothesis, nothing counted yet.
     #[must_use]
     pub fn log10_bound(&self, t: f64) -> f64 {
-        log10_chernoff(&self.signed_weights, t)
+        self.tail().log10(t)
+    }
+
+    /// The same for many scores.
+    #[must_use]
+    pub fn tail(&self) -> Tail {
+        Tail::new(&self.signed_weights)
     }
 }

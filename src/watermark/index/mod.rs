@@ -13,7 +13,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::bins::Frame;
-use super::{BitCount, Codeword, Modulation, Score, SoftBits};
+use super::{BitCount, Codeword, Modulation, Score, SoftBits, Tail};
 use tables::{LANES, Tables};
 
 /// What the records of one group share: their bins and what is read from them.
@@ -249,8 +249,12 @@ impl Group {
             let soft = readings.iter().map(|reading| &*reading.soft);
             let Some(tables) = Tables::new(soft, worth.log10_bound) else { continue };
             let rows = self.rows.chunks_exact(width).zip(&self.ids);
+            let mut tails: Vec<Option<Tail>> = vec![None; readings.len()];
             for (row, &id) in rows.filter(|(row, _)| tables.may_reach(row)) {
-                let scored = readings.iter().map(|reading| reading.score(id, row));
+                let scored = readings.iter().zip(&mut tails);
+                let scored = scored.map(|(reading, tail)| {
+                    reading.score(id, row, tail.get_or_insert_with(|| reading.soft.tail()))
+                });
                 let best = scored.min_by(|a, b| a.log10_bound.total_cmp(&b.log10_bound));
                 let worthwhile =
                     |c: &Candidate| c.log10_bound < 0.0 && c.log10_bound <= worth.log10_bound;
@@ -275,9 +279,9 @@ fn once_each(candidates: &mut Vec<Candidate>) {
 }
 
 impl Hypothesis {
-    fn score(&self, id: u128, row: &[u8]) -> Candidate {
+    fn score(&self, id: u128, row: &[u8], tail: &mut Tail) -> Candidate {
         let score = self.soft.score_bits(bits_of(row));
-        let log10_bound = self.soft.log10_bound(score.t);
+        let log10_bound = tail.log10(score.t);
         Candidate { id, log10_bound, score, hypothesis: self.clone() }
     }
 }
