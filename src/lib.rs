@@ -53,12 +53,13 @@
 //! - [`marking`]: the two together, bytes to checked bytes.
 //! - [`sample`]: meshes made from nothing, for documentation and tests.
 //! - [`config`], [`keys`], [`registry`], [`blobs`], [`jobs`]: settings, master keys, records,
-//!   files, the worker pool.
+//!   files, the worker pool; [`durable`]: names on the disk.
 //! - [`lab`]: what a mark costs and survives: attacks, measures, experiments.
 //! - [`service`]: the use cases; [`http`]: the same over HTTP.
 
 pub mod blobs;
 pub mod config;
+pub mod durable;
 pub mod formats;
 pub mod http;
 pub mod jobs;

@@ -18,10 +18,11 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("recognition", &["registration", "watermark", "mesh"]),
     ("marking", &["formats", "watermark", "mesh"]),
     ("config", &["formats"]),
-    ("keys", &["config", "watermark"]),
-    ("registry", &["watermark", "formats"]),
+    ("durable", &[]),
+    ("keys", &["config", "durable", "watermark"]),
+    ("registry", &["durable", "watermark", "formats"]),
     // Its sweep asks the registry which records exist.
-    ("blobs", &["mesh"]),
+    ("blobs", &["durable", "mesh"]),
     ("jobs", &[]),
     (
         "service",
@@ -29,6 +30,7 @@ const MAY_SEE: &[(&str, &[&str])] = &[
         &[
             "blobs",
             "config",
+            "durable",
             "formats",
             "jobs",
             "keys",

@@ -19,6 +19,8 @@ use object_store::path::Path as BlobPath;
 use object_store::{ObjectStore, ObjectStoreExt};
 use uuid::Uuid;
 
+use crate::durable::create_directory;
+
 /// Why a blob could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum BlobError {
@@ -71,10 +73,15 @@ impl Blobs {
     /// # Errors
     /// [`BlobError`] when the directory cannot be made.
     pub fn local(directory: &Path) -> Result<Self, BlobError> {
-        std::fs::create_dir_all(directory).map_err(|source| BlobError::Directory {
-            path: directory.display().to_string(),
-            source,
-        })?;
+        // Made here and not by the first blob: of two at once, one would not wait until the name of
+        // the directory that the other makes is on the disk.
+        for kind in Kind::ALL {
+            let inside = directory.join(kind.directory());
+            create_directory(&inside).map_err(|source| BlobError::Directory {
+                path: inside.display().to_string(),
+                source,
+            })?;
+        }
         let store = LocalFileSystem::new_with_prefix(directory)?.with_fsync(true);
         Ok(Self { store: Arc::new(store) })
     }

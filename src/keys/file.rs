@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use super::{KeyError, MasterKey, key_from_hex};
+use crate::durable::{create_directory, sync_parent};
 
 pub(super) fn parse(text: &str) -> Result<Vec<MasterKey>, (usize, &'static str)> {
     let mut keys: Vec<MasterKey> = Vec::new();
@@ -77,26 +78,19 @@ fn written_beside(path: &Path, text: &str) -> io::Result<PathBuf> {
 /// Creates the file whole or not at all; keeps one that is already there.
 pub(super) fn write_new(path: &Path, text: &str) -> io::Result<()> {
     if let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-        std::fs::create_dir_all(parent)?;
+        create_directory(parent)?;
     }
     let beside = written_beside(path, text)?;
     let linked = std::fs::hard_link(&beside, path);
     let removed = std::fs::remove_file(&beside);
     match linked {
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => removed,
-        other => other.and(removed).and_then(|()| sync_directory(path)),
+        other => other.and(removed).and_then(|()| sync_parent(path)),
     }
 }
 
 pub(super) fn replace(path: &Path, text: &str) -> io::Result<()> {
     let beside = written_beside(path, text)?;
     std::fs::rename(&beside, path)?;
-    sync_directory(path)
-}
-
-fn sync_directory(path: &Path) -> io::Result<()> {
-    match path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-        Some(parent) => File::open(parent)?.sync_all(),
-        None => File::open(".")?.sync_all(),
-    }
+    sync_parent(path)
 }

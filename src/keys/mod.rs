@@ -130,7 +130,10 @@ impl KeyRing {
     /// # Errors
     /// [`KeyError`]: unreadable, readable by others, malformed.
     pub fn open_or_create(path: &Path) -> Result<(Self, bool), KeyError> {
-        match Self::open(path) {
+        // Its name may have been made by a process that did not come to sync it. (Where that is not
+        // allowed, a mounted secret mostly, it is not ours.)
+        let opened = Self::open(path).inspect(|_| drop(crate::durable::sync_parent(path)));
+        match opened {
             Err(KeyError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => {
                 Ok((Self::create(path)?, true))
             }
