@@ -1,6 +1,6 @@
 //! The README's lines, run as printed, and its promise on real meshes with the same requests.
 //!
-//! Needs `sh` and `curl`; without them these tests say so and pass.
+//! Needs `sh` and `curl`, and in part the shared meshes (see `support::meshes`).
 #![expect(clippy::unwrap_used, clippy::panic, reason = "test helpers")]
 
 mod support;
@@ -31,18 +31,6 @@ impl Drop for Served {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
-}
-
-/// `None` where there is no `curl` or no `sh`.
-fn tools() -> Option<()> {
-    for tool in ["sh", "curl"] {
-        let found = Command::new(tool).args(["-c", "true"]).output();
-        if found.is_err() {
-            eprintln!("skipped: there is no {tool}");
-            return None;
-        }
-    }
-    Some(())
 }
 
 fn without_settings(command: &mut Command) -> &mut Command {
@@ -116,8 +104,8 @@ impl Served {
 }
 
 #[test]
+#[cfg_attr(not(has_curl), ignore = "needs sh and curl")]
 fn the_readme_s_lines_do_what_it_says() {
-    let Some(()) = tools() else { return };
     let served = Served::start(tempfile::tempdir().unwrap());
     let readme =
         std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
@@ -196,28 +184,41 @@ fn hundred(mesh: &Mesh) -> Mesh {
 }
 
 #[test]
-fn real_meshes_are_marked_and_recognised() {
-    let Some(()) = tools() else { return };
-    let mut served = Served::start(tempfile::tempdir().unwrap());
-    let mut hosts: Vec<(String, PathBuf)> = vec![];
+#[cfg_attr(not(has_curl), ignore = "needs sh and curl")]
+fn generated_meshes_are_marked_and_recognised() {
     let blob = Sample::Blob.mesh(30_000).unwrap();
-    for (name, bytes) in [("blob.obj", to_obj(&blob)), ("blob.glb", to_glb(&blob))] {
-        std::fs::write(served.path(name), bytes).unwrap();
-        hosts.push((name.to_owned(), served.path(name)));
-    }
-    if let Some(folder) = meshes("") {
-        for name in [
-            "obj/paper/bunny.obj",
-            "obj/paper/dragon.obj",
-            "obj/paper/gear_involute_g7.obj",
-            "gltf/converted/bunny.glb",
-            "gltf/converted/dragon.glb",
-        ] {
-            hosts.push((name.replace('/', "-"), folder.join(name)));
-        }
-    }
+    let directory = tempfile::tempdir().unwrap();
+    let host = |(name, bytes): (&str, Vec<u8>)| {
+        let path = directory.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        (name.to_owned(), path)
+    };
+    let hosts = [("blob.obj", to_obj(&blob)), ("blob.glb", to_glb(&blob))].map(host);
+    assert_marked_and_recognised(&hosts);
+}
+
+#[test]
+#[cfg_attr(
+    not(all(has_curl, shared_meshes)),
+    ignore = "needs sh, curl and the shared meshes: set QUADMARK_MESHES"
+)]
+fn real_meshes_are_marked_and_recognised() {
+    let names = [
+        "obj/paper/bunny.obj",
+        "obj/paper/dragon.obj",
+        "obj/paper/gear_involute_g7.obj",
+        "gltf/converted/bunny.glb",
+        "gltf/converted/dragon.glb",
+    ];
+    let folder = meshes("");
+    let hosts = names.map(|name| (name.replace('/', "-"), folder.join(name)));
+    assert_marked_and_recognised(&hosts);
+}
+
+fn assert_marked_and_recognised(hosts: &[(String, PathBuf)]) {
+    let mut served = Served::start(tempfile::tempdir().unwrap());
     let mut marks = Vec::new();
-    for (name, host) in &hosts {
+    for (name, host) in hosts {
         let marked = format!("marked-{name}");
         let id = served.mark(host.to_str().unwrap(), &format!("owner-of-{name}"), &marked);
         marks.push((name, id, marked));
@@ -239,14 +240,15 @@ fn real_meshes_are_marked_and_recognised() {
             assert_match(&served.verify("suspect"), id, &owner_id, &format!("{name}, {change}"));
         }
     }
-    for (name, host) in &hosts {
+    for (name, host) in hosts {
         let verdict = served.verify(host.to_str().unwrap());
         assert_eq!(verdict["verdict"], "no_match", "{name}: {verdict}");
     }
     // Another owner's file, asked about in the name of the first.
     let script = format!(
-        "curl -sS -F file=@{} -F owner_id=owner-of-blob.obj http://127.0.0.1:8080/v1/verifications",
-        marks.last().unwrap().2
+        "curl -sS -F file=@{} -F owner_id=owner-of-{} http://127.0.0.1:8080/v1/verifications",
+        marks.last().unwrap().2,
+        hosts[0].0
     );
     assert_eq!(served.json(&script)["verdict"], "no_match");
 }

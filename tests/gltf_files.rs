@@ -1,11 +1,11 @@
 //! Every glTF and GLB file at hand: none may panic, a refusal must say what to do, and what can
 //! be read must survive a nudge of every vertex exactly.
 //!
-//! The files are not part of the repository; without them the tests note it and pass. Set
-//! `QUADMARK_TEST_MESHES` to their folder if it is not `../shared/meshes`, and
-//! `QUADMARK_TEST_KEEP` to a folder that shall receive the nudged files for other programs to
-//! open.
+//! The files are not part of the repository (see `support::meshes`). Set `QUADMARK_TEST_KEEP` to a
+//! folder that shall receive the nudged files for other programs to open.
 #![expect(clippy::unwrap_used, clippy::panic, reason = "test helpers")]
+
+mod support;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,33 +13,11 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use quadmark::formats::{Asset, Format, FormatError, Limits};
 
-fn meshes() -> Option<PathBuf> {
-    let folder = std::env::var_os("QUADMARK_TEST_MESHES").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes"),
-        PathBuf::from,
-    );
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!("skipped: no test meshes in {}", folder.display());
-    None
-}
+use support::{files_below, has_extension, meshes};
 
 fn gltf_files(folder: &Path) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let entry = entry.unwrap();
-            let path = entry.path();
-            if entry.file_type().unwrap().is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|e| e == "glb" || e == "gltf") {
-                found.push(path);
-            }
-        }
-    }
-    found.sort();
+    let mut found = files_below(folder);
+    found.retain(|path| has_extension(path, "glb") || has_extension(path, "gltf"));
     found
 }
 
@@ -78,8 +56,9 @@ fn check(name: &str, bytes: &[u8]) -> Result<Option<Vec<u8>>, FormatError> {
 }
 
 #[test]
+#[cfg_attr(not(shared_meshes), ignore = "needs the shared meshes: set QUADMARK_MESHES")]
 fn every_file_survives_or_is_refused_with_advice() {
-    let Some(folder) = meshes() else { return };
+    let folder = meshes("");
     let keep = std::env::var_os("QUADMARK_TEST_KEEP").map(PathBuf::from);
     let (mut read, mut refused) = (0, 0);
     for path in gltf_files(&folder) {
@@ -105,8 +84,9 @@ fn every_file_survives_or_is_refused_with_advice() {
 }
 
 #[test]
+#[cfg_attr(not(shared_meshes), ignore = "needs the shared meshes: set QUADMARK_MESHES")]
 fn files_cut_short_are_refused() {
-    let Some(folder) = meshes() else { return };
+    let folder = meshes("");
     for path in gltf_files(&folder) {
         let bytes = fs::read(&path).unwrap();
         if quadmark::formats::sniff(&bytes) != Ok(Format::Glb) || bytes.len() > 1 << 21 {

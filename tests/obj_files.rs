@@ -1,35 +1,17 @@
 //! Real OBJ files, good and bad: read, left alone, moved, read back, and opened by another reader.
 //!
-//! The files are not part of the repository: they are looked for in `$QUADMARK_MESHES`, then in
-//! `../shared/meshes`. Without them these tests say so and pass.
+//! The files are not part of the repository (see `support::meshes`).
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+mod support;
+
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::DVec3;
 use quadmark::formats::{Agreement, Asset, Format, Limits, agrees};
 
-fn shared_meshes() -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes");
-    let folder = std::env::var_os("QUADMARK_MESHES").map_or_else(beside, PathBuf::from);
-    if !folder.is_dir() {
-        eprintln!("skipped: there is no {}", folder.display());
-        return None;
-    }
-    Some(folder)
-}
-
-fn obj_files(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            obj_files(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "obj") {
-            found.push(path);
-        }
-    }
-}
+use support::{files_below, has_extension, meshes};
 
 /// Vertices as `grep` counts them; good for every file without line continuations.
 fn vertex_lines(bytes: &[u8]) -> usize {
@@ -76,11 +58,10 @@ fn check(path: &Path, bytes: &[u8], asset: &Asset) {
 }
 
 #[test]
+#[cfg_attr(not(shared_meshes), ignore = "needs the shared meshes: set QUADMARK_MESHES")]
 fn every_file_is_patched_exactly_or_refused() {
-    let Some(folder) = shared_meshes() else { return };
-    let mut files = Vec::new();
-    obj_files(&folder, &mut files);
-    files.sort();
+    let mut files = files_below(&meshes(""));
+    files.retain(|path| has_extension(path, "obj"));
     assert!(!files.is_empty());
     for path in files {
         let bytes = fs::read(&path).unwrap();

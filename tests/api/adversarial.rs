@@ -1,32 +1,14 @@
-//! Files that were made, or found, to break readers. They are not part of the repository:
-//! `QUADMARK_TEST_MESHES` names their folder if it is not `../shared/meshes`.
-
-use std::path::{Path, PathBuf};
+//! Files that were made, or found, to break readers. They are not part of the repository (see
+//! `support::meshes`).
 
 use crate::server::Server;
-
-fn files_below(directory: &Path, found: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
-        let path = entry.path();
-        if path.is_dir() {
-            files_below(&path, found);
-        } else {
-            found.push(path);
-        }
-    }
-}
+use crate::support::{files_below, meshes};
 
 #[tokio::test(flavor = "multi_thread")]
+#[cfg_attr(not(shared_meshes), ignore = "needs the shared meshes: set QUADMARK_MESHES")]
 async fn each_is_refused_without_a_trace_or_marked_whole() {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes");
-    let meshes = std::env::var_os("QUADMARK_TEST_MESHES").map_or_else(beside, PathBuf::from);
-    let mut paths = Vec::new();
-    files_below(&meshes.join("adversarial"), &mut paths);
-    if paths.is_empty() {
-        eprintln!("skipped: no adversarial files in {}", meshes.display());
-        return;
-    }
-    paths.sort();
+    let paths = files_below(&meshes("adversarial"));
+    assert!(!paths.is_empty());
     let server = Server::start().await;
     let mut marked = 0;
     for path in &paths {

@@ -24,11 +24,6 @@ fn program() -> Command {
 
 #[test]
 fn serves_reports_and_goes_down_in_order() {
-    let help = program().args(["serve", "--help"]).output().unwrap();
-    if !String::from_utf8_lossy(&help.stdout).contains("--listen") {
-        eprintln!("skipped: this build of quadmark has no serve command");
-        return;
-    }
     let directory = tempfile::tempdir().unwrap();
     let data = directory.path().join("data");
     let child = program()
@@ -82,11 +77,6 @@ fn serves_reports_and_goes_down_in_order() {
 
 #[test]
 fn settings_from_a_file_the_environment_and_flags() {
-    let help = program().args(["keys", "--help"]).output().unwrap();
-    if !String::from_utf8_lossy(&help.stdout).contains("rotate") {
-        eprintln!("skipped: this build of quadmark has no keys command");
-        return;
-    }
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("quadmark.toml");
     // The key of the golden derivation; its id is pinned there.

@@ -16,3 +16,5 @@ mod recognition;
 mod records;
 mod refusals;
 mod server;
+#[path = "../support/mod.rs"]
+mod support;

@@ -1,0 +1,48 @@
+//! Tells the tests what this machine has beside the toolchain, so that a test that needs more is
+//! reported as ignored where it is missing, never as passed.
+//!
+//! - `shared_meshes`: the folder of test meshes is there (`$QUADMARK_MESHES`, else
+//!   `../shared/meshes`; they are not part of the repository).
+//! - `has_curl`, `has_cc`, `has_strace`: these programs (and `sh`) can be run.
+//!
+//! Cargo runs this again when the variable or `PATH` changes, not when a folder or a program
+//! appears: `touch build.rs` then. The program itself does not depend on any of this.
+
+use std::env;
+use std::path::{Path, PathBuf};
+
+/// Programs that some tests run, by the name of their flag.
+const PROGRAMS: [(&str, &str); 3] =
+    [("has_curl", "curl"), ("has_cc", "cc"), ("has_strace", "strace")];
+
+fn main() {
+    println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rerun-if-env-changed=QUADMARK_MESHES");
+    println!("cargo::rerun-if-env-changed=PATH");
+    flag("shared_meshes", meshes().is_dir());
+    let shell = is_on_path("sh");
+    for (name, program) in PROGRAMS {
+        flag(name, shell && is_on_path(program));
+    }
+}
+
+/// Where the test meshes lie; `tests/support` looks in the same place.
+fn meshes() -> PathBuf {
+    let beside = || {
+        let package = env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default();
+        Path::new(&package).join("../shared/meshes")
+    };
+    env::var_os("QUADMARK_MESHES").map_or_else(beside, PathBuf::from)
+}
+
+fn is_on_path(program: &str) -> bool {
+    let path = env::var_os("PATH").unwrap_or_default();
+    env::split_paths(&path).any(|folder| folder.join(program).is_file())
+}
+
+fn flag(name: &str, is_set: bool) {
+    println!("cargo::rustc-check-cfg=cfg({name})");
+    if is_set {
+        println!("cargo::rustc-cfg={name}");
+    }
+}
