@@ -3,7 +3,8 @@
 //!
 //! - `shared_meshes`: the folder of test meshes is there (`$QUADMARK_MESHES`, else
 //!   `../shared/meshes`; they are not part of the repository).
-//! - `has_curl`, `has_cc`, `has_strace`: these programs (and `sh`) can be run.
+//! - `has_curl`, `has_cc`, `has_strace`, `has_client_generator` (openapi-python-client): these
+//!   programs (and `sh`) can be run.
 //!
 //! Cargo runs this again when the variable or `PATH` changes, not when a folder or a program
 //! appears: `touch build.rs` then. The program itself does not depend on any of this.
@@ -12,8 +13,12 @@ use std::env;
 use std::path::{Path, PathBuf};
 
 /// Programs that some tests run, by the name of their flag.
-const PROGRAMS: [(&str, &str); 3] =
-    [("has_curl", "curl"), ("has_cc", "cc"), ("has_strace", "strace")];
+const PROGRAMS: [(&str, &str); 4] = [
+    ("has_curl", "curl"),
+    ("has_cc", "cc"),
+    ("has_strace", "strace"),
+    ("has_client_generator", "openapi-python-client"),
+];
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");

@@ -4,6 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use quadmark::formats::Format;
 use quadmark::keys::KeyRing;
 use quadmark::registry::Record;
 use quadmark::service::{
@@ -67,6 +68,7 @@ impl Bench {
             keep_file: true,
             keep_host: true,
             on_existing: OnExisting::Allow,
+            formats: Format::ALL.to_vec(),
             idempotency_key: Some(format!(
                 "{}/{}/{}",
                 kind.method,

@@ -31,6 +31,9 @@ pub enum Format {
 }
 
 impl Format {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Obj, Self::Gltf, Self::Glb];
+
     /// The registered media type.
     #[must_use]
     pub fn media_type(self) -> &'static str {

@@ -24,6 +24,17 @@ macro_rules! codes {
                 match self { $(Self::$variant => $title),* }
             }
 
+            /// Whether answers with it may say when the same request may work (`Retry-After`).
+            pub(super) fn may_say_when(self) -> bool {
+                matches!(
+                    self,
+                    Self::Busy
+                        | Self::DeadlineExceeded
+                        | Self::ShuttingDown
+                        | Self::IdempotencyInProgress
+                )
+            }
+
             /// Its status.
             pub(super) fn status(self) -> StatusCode {
                 match self { $(Self::$variant => StatusCode::$status),* }
@@ -45,9 +56,11 @@ codes! {
     UnknownVerification = NOT_FOUND, "unknown_verification", "There is no such verification";
     FileNotKept = NOT_FOUND, "file_not_kept", "The marked file was not kept";
     MethodNotAllowed = METHOD_NOT_ALLOWED, "method_not_allowed", "The method does not apply here";
+    NotAcceptable = NOT_ACCEPTABLE, "not_acceptable", "The answer is nothing that Accept takes";
     UploadTimeout = REQUEST_TIMEOUT, "upload_timeout", "The upload took too long";
     IdempotencyConflict = CONFLICT, "idempotency_conflict", "The key stands for another request";
     IdempotencyInProgress = CONFLICT, "idempotency_in_progress", "The same request is being worked on";
+    IdempotencyRevoked = CONFLICT, "idempotency_revoked", "The key stands for a revoked mark";
     CannotRemake = CONFLICT, "cannot_remake", "The marked file cannot be made again";
     AlreadyMarked = CONFLICT, "already_marked", "The file already carries a registered mark";
     TooLarge = PAYLOAD_TOO_LARGE, "too_large", "The upload is too large";
@@ -63,6 +76,8 @@ codes! {
     NonFiniteVertex = UNPROCESSABLE_ENTITY, "non_finite_vertex", "A coordinate is not a finite number";
     CannotPatch = UNPROCESSABLE_ENTITY, "cannot_patch", "The file cannot be changed in place";
     NoTriangles = UNPROCESSABLE_ENTITY, "no_triangles", "The file has no triangles";
+    NothingToCompare = UNPROCESSABLE_ENTITY, "nothing_to_compare",
+        "There is no mark to compare the file with";
     InsufficientCapacity = UNPROCESSABLE_ENTITY, "insufficient_capacity",
         "The mesh cannot carry the mark";
     DistortionUnreachable = UNPROCESSABLE_ENTITY, "distortion_unreachable",

@@ -2,8 +2,9 @@
 
 use utoipa::OpenApi;
 
+use super::contract::complete;
 use super::error::ProblemBody;
-use super::{inspections, operations, verifications, watermarks, wire};
+use super::{inspections, operations, schemas, verifications, watermarks, wire};
 use crate::service::Verification;
 
 #[derive(OpenApi)]
@@ -33,6 +34,11 @@ use crate::service::Verification;
     components(schemas(
         ProblemBody<'_>,
         Verification,
+        schemas::MethodName,
+        schemas::FormatName,
+        schemas::OnExistingName,
+        schemas::OrderName,
+        schemas::CodeName,
         wire::WatermarkBody,
         wire::QualityBody,
         wire::ExistingMarkBody,
@@ -53,7 +59,9 @@ use crate::service::Verification;
 struct Document;
 
 pub(super) fn document() -> utoipa::openapi::OpenApi {
-    Document::openapi()
+    let mut document = Document::openapi();
+    complete(&mut document);
+    document
 }
 
 /// The `OpenAPI` document as YAML: what `/openapi.yaml` answers and what is committed.

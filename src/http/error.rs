@@ -12,7 +12,10 @@ use serde::Serialize;
 use tracing::error;
 use utoipa::ToSchema;
 
+use super::accept::not_acceptable;
 use super::code::Code;
+#[allow(unused_imports)] // the schema names it
+use super::schemas::CodeName;
 use crate::formats::FormatError;
 use crate::jobs::JobError;
 use crate::service::ServiceError;
@@ -24,12 +27,15 @@ use crate::watermark::WatermarkError;
 pub(super) struct ProblemBody<'a> {
     /// Where the code is explained.
     #[serde(rename = "type")]
+    #[schema(example = "/docs#missing_parameter")]
     pub(super) kind: String,
     /// The same for every occurrence of the code.
     pub(super) title: &'a str,
     /// The HTTP status.
+    #[schema(minimum = 400, maximum = 599, example = 400)]
     pub(super) status: u16,
     /// Stable, for programs.
+    #[schema(value_type = CodeName)]
     pub(super) code: &'a str,
     /// What happened and what to do.
     pub(super) detail: &'a str,
@@ -91,6 +97,7 @@ impl Problem {
                 Code::MethodNotAllowed,
                 format!("{method} does not apply to {path:?}; the Allow header says what does"),
             ),
+            StatusCode::NOT_ACCEPTABLE => (Code::NotAcceptable, "accept more".to_owned()),
             StatusCode::PAYLOAD_TOO_LARGE => (Code::TooLarge, "send less".to_owned()),
             StatusCode::REQUEST_TIMEOUT => (Code::UploadTimeout, "send faster".to_owned()),
             StatusCode::UNSUPPORTED_MEDIA_TYPE => {
@@ -107,10 +114,14 @@ impl Problem {
 
 impl From<ServiceError> for ApiError {
     fn from(error: ServiceError) -> Self {
+        if let ServiceError::FormatNotTaken(format) = &error {
+            return not_acceptable(&format!("{}, as the upload is", format.media_type()));
+        }
         let retry_after = error.retry_after();
         let code = match &error {
             ServiceError::InvalidParameter { .. } => Code::InvalidParameter,
             ServiceError::Format(error) => format_code(error),
+            ServiceError::FormatNotTaken(_) => Code::NotAcceptable,
             ServiceError::Watermark(error) => watermark_code(error),
             ServiceError::DistortionUnreachable(_) => Code::DistortionUnreachable,
             ServiceError::UnknownWatermark(_) => Code::UnknownWatermark,
@@ -118,6 +129,8 @@ impl From<ServiceError> for ApiError {
             ServiceError::FileNotKept(_) => Code::FileNotKept,
             ServiceError::IdempotencyConflict => Code::IdempotencyConflict,
             ServiceError::IdempotencyInProgress => Code::IdempotencyInProgress,
+            ServiceError::IdempotencyRevoked { .. } => Code::IdempotencyRevoked,
+            ServiceError::NothingToCompare(_) => Code::NothingToCompare,
             ServiceError::CannotRemake(_) => Code::CannotRemake,
             ServiceError::AlreadyMarked(_) => Code::AlreadyMarked,
             ServiceError::Job(JobError::Busy { .. }) => Code::Busy,

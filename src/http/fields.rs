@@ -69,9 +69,9 @@ impl Fields {
         })
     }
 
-    /// `true` or `false`.
+    /// `true` or `false`, in any case: clients generated for Python send `True`.
     pub(super) fn flag(&self, name: &'static str, default: bool) -> Result<bool, ApiError> {
-        let flag = self.parsed(name, |text| match text {
+        let flag = self.parsed(name, |text| match text.to_ascii_lowercase().as_str() {
             "true" | "1" => Ok(true),
             "false" | "0" => Ok(false),
             _ => Err("must be true or false"),
@@ -95,6 +95,8 @@ mod tests {
             Fields::new(KNOWN, vec![pair("owner_id", "x"), pair("keep_file", "maybe")]).unwrap();
         assert_eq!(fields.required_text("owner_id").unwrap().as_str(), "x");
         assert!(fields.flag("keep_file", true).is_err());
+        let python = Fields::new(KNOWN, vec![pair("keep_file", "False")]).unwrap();
+        assert!(!python.flag("keep_file", true).unwrap());
         let none = Fields::new(KNOWN, Vec::new()).unwrap();
         assert!(none.required_text("owner_id").is_err());
         assert!(none.flag("keep_file", true).unwrap());

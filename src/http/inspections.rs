@@ -4,7 +4,7 @@ use axum::Json;
 use axum::extract::{Request, State};
 
 use super::App;
-use super::error::{ApiError, ProblemBody};
+use super::error::ApiError;
 use super::upload::receive;
 use super::watermarks::{parse_bits, parse_strength};
 use super::wire::{InspectForm, InspectionBody};
@@ -18,8 +18,6 @@ const FIELDS: &[&str] = &["method", "strength", "bits"];
     request_body(content = InspectForm, content_type = "multipart/form-data"),
     responses(
         (status = 200, description = "What was found", body = InspectionBody),
-        (status = "default", description = "An error, by its code", body = ProblemBody,
-            content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn inspect(

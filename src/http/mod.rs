@@ -4,7 +4,9 @@
 //! answer; they decide nothing. Must not know about the registry's storage, formats or watermarks
 //! beyond their names and parameters.
 
+mod accept;
 mod code;
+mod contract;
 mod docs;
 mod document;
 mod download;
@@ -15,6 +17,7 @@ mod inspections;
 mod intake;
 mod metrics;
 mod operations;
+mod schemas;
 mod server;
 mod upload;
 mod verifications;

@@ -8,7 +8,7 @@ use axum::response::{Html, IntoResponse, Response};
 use super::App;
 use super::docs::docs_page;
 use super::document::openapi_yaml;
-use super::error::{ApiError, ProblemBody};
+use super::error::ApiError;
 use super::wire::HealthBody;
 
 const OK: HealthBody = HealthBody { status: "ok", version: env!("CARGO_PKG_VERSION") };
@@ -27,8 +27,6 @@ pub(super) async fn livez() -> Json<HealthBody> {
     get, path = "/readyz", tag = "operations", operation_id = "readyz",
     responses(
         (status = 200, description = "They can", body = HealthBody),
-        (status = "default", description = "They cannot", body = ProblemBody,
-            content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn readyz(State(app): State<App>) -> Result<Json<HealthBody>, ApiError> {

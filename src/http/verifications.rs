@@ -4,7 +4,7 @@ use axum::Json;
 use axum::extract::{Path, Request, State};
 
 use super::App;
-use super::error::{ApiError, ProblemBody};
+use super::error::ApiError;
 use super::upload::receive;
 use super::watermarks::parse_id;
 use super::wire::VerifyForm;
@@ -18,8 +18,6 @@ const FIELDS: &[&str] = &["owner_id", "watermark_id", "depth"];
     request_body(content = VerifyForm, content_type = "multipart/form-data"),
     responses(
         (status = 200, description = "The verdict", body = Verification),
-        (status = "default", description = "An error, by its code", body = ProblemBody,
-            content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn verify(
@@ -45,8 +43,6 @@ pub(super) async fn verify(
     params(("id" = String, Path, format = "uuid", description = "Id of the verification")),
     responses(
         (status = 200, description = "The verdict", body = Verification),
-        (status = "default", description = "An error, by its code", body = ProblemBody,
-            content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn verification(

@@ -8,12 +8,13 @@ use axum::response::{IntoResponse, Response};
 use uuid::Uuid;
 
 use super::App;
+use super::accept::{Accept, Wanted};
 use super::code::Code;
 use super::download::{EXISTING, answer_file, etag};
-use super::error::{ApiError, ProblemBody};
+use super::error::ApiError;
 use super::upload::receive;
 use super::wire::{EmbedForm, PageQuery, WatermarkBody, WatermarkPageBody};
-use crate::registry::Filter;
+use crate::registry::{Filter, Order};
 use crate::service::{EmbedRequest, Embedded, OnExisting, Text};
 use crate::watermark::{BitCount, Strength};
 
@@ -37,29 +38,34 @@ const DEFAULT_PAGE: u32 = 50;
 #[utoipa::path(
     post, path = "/v1/watermarks", tag = "watermarks", operation_id = "embed",
     params(
-        ("Idempotency-Key" = Option<String>, Header, description =
-            "A retry with the same key and request gets the same record and bytes"),
+        ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255,
+            pattern = "^[!-~]+$", description = "A retry with the same key and request gets the same record and bytes"),
         ("Accept" = Option<String>, Header, description =
-            "application/json answers with the record instead of the file"),
+            "`application/json` answers with the record, anything that takes the file with the file"),
     ),
     request_body(content = EmbedForm, content_type = "multipart/form-data"),
     responses(
         (status = 201, description = "The marked file (same format as the upload), or the record",
-            content((Vec<u8> = "model/obj"), (Vec<u8> = "model/gltf-binary"),
-                (Vec<u8> = "model/gltf+json"), (WatermarkBody = "application/json")),
-            headers(("Quadmark-Watermark-Id" = String, description = "Id of the record"),
-                ("Quadmark-Existing-Marks" = Option<String>, description =
-                    "Ids of the marks that the host already carried, separated by commas"),
-                ("Location" = String, description = "URL of the record"))),
-        (status = "default", description = "An error, by its code", body = ProblemBody,
-            content_type = "application/problem+json"),
+            body = WatermarkBody),
     )
 )]
 pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Response, ApiError> {
-    let wants_json = wants_json(request.headers());
+    let accept = Accept::of(request.headers());
+    let mut formats = accept.formats()?;
     let idempotency_key = idempotency_key(request.headers())?;
     let (file, fields) = receive(&app, request, FIELDS).await?;
     let config = app.service.config();
+    let keep_file = fields.flag("keep_file", config.keep_files)?;
+    if !keep_file {
+        formats.retain(|&format| accept.wanted(format) == Some(Wanted::File));
+    }
+    if formats.is_empty() {
+        return Err(ApiError::new(
+            Code::InvalidParameter,
+            "keep_file: false and Accept: application/json together would lose the marked file; \
+             leave out one of them",
+        ));
+    }
     let request = EmbedRequest {
         file,
         owner_id: fields.required_text("owner_id")?,
@@ -72,27 +78,20 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
         payload: fields.parsed("payload", |text| {
             hex::decode(text).map_err(|_| "must be an even number of hexadecimal digits")
         })?,
-        keep_file: fields.flag("keep_file", config.keep_files)?,
+        keep_file,
         keep_host: fields.flag("keep_host", config.keep_host)?,
         on_existing: fields.parsed("on_existing", str::parse)?.unwrap_or_default(),
+        formats,
         idempotency_key,
     };
-    if wants_json && !request.keep_file {
-        return Err(ApiError::new(
-            Code::InvalidParameter,
-            "keep_file: false and Accept: application/json together would lose the marked file; \
-             leave out one of them",
-        ));
-    }
     let silent = request.on_existing == OnExisting::Allow;
     let Embedded { record, bytes, replayed } = app.service.embed(request).await?;
     let id = record.id.to_string();
     let location = format!("/v1/watermarks/{id}");
     let link = format!("<{location}>; rel=\"describedby\"");
-    let mut response = if wants_json {
-        Json(WatermarkBody::from(record)).into_response()
-    } else {
-        answer_file(&record, bytes)
+    let mut response = match accept.wanted(record.format) {
+        Some(Wanted::Record) => Json(WatermarkBody::from(record)).into_response(),
+        _ => answer_file(&record, bytes),
     };
     *response.status_mut() = StatusCode::CREATED;
     let headers = response.headers_mut();
@@ -115,14 +114,12 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
     Ok(response)
 }
 
-/// A page of registered marks, newest first.
+/// A page of registered marks, in the order of their registration.
 #[utoipa::path(
     get, path = "/v1/watermarks", tag = "watermarks", operation_id = "list_watermarks",
     params(PageQuery),
     responses(
         (status = 200, description = "A page", body = WatermarkPageBody),
-        (status = "default", description = "An error, by its code", body = ProblemBody,
-            content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn page(
@@ -139,7 +136,11 @@ pub(super) async fn page(
         recipient: text("recipient", query.recipient)?,
     };
     let limit = query.limit.unwrap_or(DEFAULT_PAGE);
-    let page = app.service.page(&filter, query.cursor.as_deref(), limit).await?;
+    let order = query.order.as_deref().map(str::parse).transpose();
+    let order = order
+        .map_err(|error: &str| ApiError::new(Code::InvalidParameter, format!("order: {error}")))?;
+    let order: Order = order.unwrap_or_default();
+    let page = app.service.page(&filter, order, query.cursor.as_deref(), limit).await?;
     Ok(Json(page.into()))
 }
 
@@ -149,8 +150,6 @@ pub(super) async fn page(
     params(("id" = String, Path, format = "uuid", description = "Id of the record")),
     responses(
         (status = 200, description = "The record", body = WatermarkBody),
-        (status = "default", description = "An error, by its code", body = ProblemBody,
-            content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn record(
@@ -166,8 +165,6 @@ pub(super) async fn record(
     params(("id" = String, Path, format = "uuid", description = "Id of the record")),
     responses(
         (status = 200, description = "The record, revoked", body = WatermarkBody),
-        (status = "default", description = "An error, by its code", body = ProblemBody,
-            content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn revoke(
@@ -182,12 +179,8 @@ pub(super) async fn revoke(
     get, path = "/v1/watermarks/{id}/file", tag = "watermarks", operation_id = "get_marked_file",
     params(("id" = String, Path, format = "uuid", description = "Id of the record")),
     responses(
-        (status = 200, description = "The marked file",
-            content((Vec<u8> = "model/obj"), (Vec<u8> = "model/gltf-binary"),
-                (Vec<u8> = "model/gltf+json"))),
+        (status = 200, description = "The marked file"),
         (status = 304, description = "As the If-None-Match says"),
-        (status = "default", description = "An error, by its code", body = ProblemBody,
-            content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn file(
@@ -220,15 +213,6 @@ pub(super) fn parse_strength(text: &str) -> Result<Strength, String> {
 pub(super) fn parse_bits(text: &str) -> Result<BitCount, String> {
     let bits: u32 = text.parse().map_err(|_| "must be a whole number from 16 to 256")?;
     BitCount::new(bits).map_err(|error| error.to_string())
-}
-
-fn wants_json(headers: &HeaderMap) -> bool {
-    let accepts = headers.get_all(header::ACCEPT);
-    accepts
-        .iter()
-        .filter_map(|value| value.to_str().ok())
-        .flat_map(|text| text.split(','))
-        .any(|range| range.split(';').next().is_some_and(|kind| kind.trim() == "application/json"))
 }
 
 fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, ApiError> {

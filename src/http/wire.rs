@@ -6,8 +6,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
+#[allow(unused_imports)] // schemas name them
+use super::schemas::{FormatName, MethodName, OnExistingName, OrderName};
 use crate::lab::expected::Expected;
-use crate::registry::{ExistingMark, Page, Quality, Record};
+use crate::registry::{Cursor, ExistingMark, Page, Quality, Record};
 use crate::service::{Depth, Inspected, OnExisting};
 
 /// A registered mark.
@@ -18,33 +20,43 @@ pub(super) struct WatermarkBody {
     #[schema(value_type = String, format = "uuid")]
     id: Uuid,
     /// Whose mark it is.
+    #[schema(example = "acme")]
     owner_id: String,
     /// To whom this copy went.
+    #[schema(example = "studio-7")]
     recipient: Option<String>,
     /// The owner's text.
     label: Option<String>,
     /// How it was embedded.
-    #[schema(example = "exact-mean")]
+    #[schema(value_type = MethodName)]
     method: String,
     /// Version of the watermark scheme.
     scheme: u16,
     /// How strongly; what was found, where `max_distortion` was given.
+    #[schema(minimum = 0.01, maximum = 0.25)]
     strength: f64,
     /// How many bits.
+    #[schema(minimum = 16, maximum = 256)]
     bits: usize,
     /// The message in hexadecimal digits.
+    #[schema(pattern = "^([0-9a-f]{2})+$")]
     message: String,
     /// What the caller asked to embed, in hexadecimal digits.
+    #[schema(pattern = "^([0-9a-f]{2})+$")]
     payload: Option<String>,
     /// Id of the master key; tells nothing about the key.
+    #[schema(example = "7f2971a5")]
     key_id: String,
-    /// `obj`, `gltf` or `glb`.
+    /// Of what format its file is.
+    #[schema(value_type = FormatName)]
     format: String,
     /// File name of the upload.
     file_name: Option<String>,
     /// SHA-256 of the host file.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     host_sha256: String,
     /// SHA-256 of the marked file.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     marked_sha256: String,
     /// Bytes of the marked file.
     marked_bytes: u64,
@@ -60,6 +72,7 @@ pub(super) struct WatermarkBody {
     /// were looked at.
     existing_marks: Option<Vec<ExistingMarkBody>>,
     /// Where the marked file can be fetched again; null when it was not kept.
+    #[schema(format = "uri-reference")]
     file_url: Option<String>,
     /// Whether the host's geometry was kept.
     host_kept: bool,
@@ -76,17 +89,22 @@ pub(super) struct WatermarkBody {
 #[schema(as = Quality)]
 pub(super) struct QualityBody {
     /// Root mean square distance between the surfaces (Metro, the larger of both directions).
+    #[schema(minimum = 0)]
     mrms: f64,
     /// Largest distance between the surfaces.
+    #[schema(minimum = 0)]
     hausdorff: f64,
     /// Longest way that a vertex went, along the surface or off it.
+    #[schema(minimum = 0)]
     max_displacement: f64,
     /// Mean angle that the triangles' normals turned by, weighted by area.
+    #[schema(minimum = 0)]
     normal_deviation_degrees: f64,
     /// Triangles that turned by more than 90 degrees.
     flipped: u64,
     /// The method that chose the positions: the one asked for, or the paper's (`qsp-`) where an
     /// `exact-` one did not settle.
+    #[schema(value_type = MethodName)]
     method_used: String,
 }
 
@@ -100,6 +118,7 @@ pub(super) struct ExistingMarkBody {
     /// Whose mark it is.
     owner_id: String,
     /// log10 of the bound on the probability that a file without it looks so much like it.
+    #[schema(maximum = 0)]
     log10_fp: f64,
 }
 
@@ -158,7 +177,7 @@ impl From<Record> for WatermarkBody {
     }
 }
 
-/// A page of registered marks, newest first.
+/// A page of registered marks, in the order of their registration.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = WatermarkPage)]
 pub(super) struct WatermarkPageBody {
@@ -166,13 +185,18 @@ pub(super) struct WatermarkPageBody {
     watermarks: Vec<WatermarkBody>,
     /// Give it as `cursor` to get the next page; null on the last one.
     next_cursor: Option<String>,
+    /// With `order=oldest`: give it as `cursor`, now or later, to get what was registered after this
+    /// page. Whoever goes on from one to the next sees every mark once and misses none. Null while
+    /// there is nothing.
+    resume_cursor: Option<String>,
 }
 
 impl From<Page> for WatermarkPageBody {
     fn from(page: Page) -> Self {
         Self {
             watermarks: page.records.into_iter().map(WatermarkBody::from).collect(),
-            next_cursor: page.next.map(crate::registry::Cursor::to_text),
+            next_cursor: page.next.map(Cursor::to_text),
+            resume_cursor: page.resume.map(Cursor::to_text),
         }
     }
 }
@@ -183,10 +207,16 @@ impl From<Page> for WatermarkPageBody {
 #[into_params(parameter_in = Query)]
 pub(super) struct PageQuery {
     /// Only this owner's.
+    #[param(min_length = 1, max_length = 256, example = "acme")]
     pub(super) owner_id: Option<String>,
     /// Only copies for this recipient.
+    #[param(min_length = 1, max_length = 256)]
     pub(super) recipient: Option<String>,
-    /// `next_cursor` of the page before.
+    /// `newest` (by default) or `oldest` first, by registration. Neither ids nor times promise that
+    /// order: an id is drawn when its request begins, a clock may jump.
+    #[param(value_type = Option<OrderName>)]
+    pub(super) order: Option<String>,
+    /// `next_cursor` or `resume_cursor` of the page before.
     pub(super) cursor: Option<String>,
     /// Marks on the page: 1 to 200, 50 by default.
     #[param(minimum = 1, maximum = 200)]
@@ -206,21 +236,27 @@ pub(super) struct EmbedForm {
     #[schema(min_length = 1, max_length = 256, example = "acme")]
     owner_id: String,
     /// To whom this copy goes: 1 to 256 characters.
+    #[schema(min_length = 1, max_length = 256, example = "studio-7")]
     recipient: Option<String>,
     /// Free text: 1 to 256 characters.
+    #[schema(min_length = 1, max_length = 256)]
     label: Option<String>,
-    /// `cho-mean`, `cho-var`, `qsp-mean`, `qsp-var`, `exact-mean` or `exact-var`; see the service's
-    /// documentation for what each is good at.
+    /// How to embed it; `exact-mean` by default. See the service's documentation for what each is good
+    /// at.
+    #[schema(value_type = Option<MethodName>)]
     method: Option<String>,
     /// 0.01 to 0.25; 0.15 by default.
+    #[schema(minimum = 0.01, maximum = 0.25)]
     strength: Option<f64>,
     /// The most that the mark may distort the mesh: its `mrms`, a share of the diagonal, 0.000001
     /// to 0.1. The strongest mark within it is made, up to `strength` where that is given.
     #[schema(minimum = 0.000_001, maximum = 0.1, example = 0.0001)]
     max_distortion: Option<f64>,
     /// 16 to 256; 64 by default.
+    #[schema(minimum = 16, maximum = 256)]
     bits: Option<u32>,
     /// The message in hexadecimal digits, at most `bits` bits; random by default.
+    #[schema(pattern = "^([0-9A-Fa-f]{2})+$", max_length = 64, example = "0123456789abcdef")]
     payload: Option<String>,
     /// Keep the marked file, to fetch it again.
     keep_file: Option<bool>,
@@ -229,7 +265,7 @@ pub(super) struct EmbedForm {
     /// What to do when the file already carries a registered mark: `reject` (409), `warn` (by
     /// default: the header Quadmark-Existing-Marks names the marks found) or `allow` (says nothing).
     /// The record names them.
-    #[schema(value_type = Option<String>, example = "warn")]
+    #[schema(value_type = Option<OnExistingName>)]
     on_existing: Option<OnExisting>,
 }
 
@@ -242,6 +278,7 @@ pub(super) struct VerifyForm {
     #[schema(value_type = String, format = Binary, content_media_type = "application/octet-stream")]
     file: Vec<u8>,
     /// Compare with this owner's marks only.
+    #[schema(min_length = 1, max_length = 256, example = "acme")]
     owner_id: Option<String>,
     /// Compare with this mark only.
     #[schema(value_type = Option<String>, format = "uuid")]
@@ -260,10 +297,13 @@ pub(super) struct InspectForm {
     #[schema(value_type = String, format = Binary, content_media_type = "application/octet-stream")]
     file: Vec<u8>,
     /// The method that would be used.
+    #[schema(value_type = Option<MethodName>)]
     method: Option<String>,
     /// The strength that would be used.
+    #[schema(minimum = 0.01, maximum = 0.25)]
     strength: Option<f64>,
     /// How many bits it should carry.
+    #[schema(minimum = 16, maximum = 256)]
     bits: Option<u32>,
 }
 
@@ -272,10 +312,12 @@ pub(super) struct InspectForm {
 #[schema(as = Inspection)]
 pub(super) struct InspectionBody {
     /// SHA-256 of the file.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     sha256: String,
     /// Bytes of the file.
     bytes: u64,
-    /// `obj`, `gltf` or `glb`.
+    /// Of what format it is.
+    #[schema(value_type = FormatName)]
     format: &'static str,
     /// Vertices of the file.
     vertices: usize,

@@ -7,39 +7,116 @@ use jiff::Timestamp;
 use uuid::Uuid;
 
 use super::sqlite_rows::sample_record;
-use super::{Filter, IdempotencyEntry, Record, Registry, RegistryError, StoredVerification};
+use super::{
+    Counts, Cursor, Filter, IdempotencyEntry, Order, Record, Registry, RegistryError,
+    StoredVerification,
+};
 
 fn owned_by(owner_id: &str) -> Record {
     Record { owner_id: owner_id.to_owned(), ..sample_record() }
 }
 
-pub(super) async fn pages_are_newest_first_and_complete(registry: &dyn Registry) {
+/// All records of a filter, page by page.
+async fn all_pages(
+    registry: &dyn Registry,
+    filter: &Filter,
+    order: Order,
+    limit: u32,
+) -> Vec<Uuid> {
+    let (mut seen, mut after) = (Vec::new(), None);
+    loop {
+        let page = registry.page(filter, order, after, limit).await.unwrap();
+        seen.extend(page.records.iter().map(|record| record.id));
+        after = page.next;
+        if after.is_none() {
+            return seen;
+        }
+    }
+}
+
+pub(super) async fn pages_are_in_order_and_complete(registry: &dyn Registry) {
     let mut ids = Vec::new();
     for index in 0..7 {
         let record = owned_by(if index % 2 == 0 { "acme" } else { "other" });
         registry.register(&record, None).await.unwrap();
         ids.push(record.id);
     }
-    ids.reverse();
-    for (owner_id, limit) in [(None, 1), (None, 3), (None, 7), (Some("acme"), 2)] {
-        let filter = Filter { owner_id: owner_id.map(str::to_owned), recipient: None };
-        let (mut seen, mut after) = (Vec::new(), None);
-        loop {
-            let page = registry.page(&filter, after, limit).await.unwrap();
-            seen.extend(page.records.iter().map(|record| record.id));
-            after = page.next;
-            if after.is_none() {
-                break;
-            }
+    for order in [Order::Oldest, Order::Newest] {
+        for (owner_id, limit) in [(None, 1), (None, 3), (None, 7), (Some("acme"), 2)] {
+            let filter = Filter { owner_id: owner_id.map(str::to_owned), recipient: None };
+            let expected: Vec<_> = match owner_id {
+                None => ids.clone(),
+                Some(_) => ids.iter().copied().step_by(2).collect(),
+            };
+            let seen = all_pages(registry, &filter, order, limit).await;
+            assert_eq!(seen, expected, "{order:?} {owner_id:?} {limit}");
         }
-        let expected: Vec<_> = match owner_id {
-            None => ids.clone(),
-            Some(_) => ids.iter().copied().step_by(2).collect(),
-        };
-        assert_eq!(seen, expected, "{owner_id:?} {limit}");
+        ids.reverse();
     }
     let nobody = Filter { recipient: Some("nobody".to_owned()), ..Filter::default() };
-    assert!(registry.page(&nobody, None, 5).await.unwrap().records.is_empty());
+    let page = registry.page(&nobody, Order::Oldest, None, 5).await.unwrap();
+    assert!(page.records.is_empty() && page.resume.is_none());
+    let foreign = Cursor::from_text(&Cursor(Uuid::nil()).to_text());
+    let refused = registry.page(&Filter::default(), Order::Newest, foreign, 5).await;
+    assert!(matches!(refused, Err(RegistryError::ForeignCursor)));
+    registry.revoke(ids[0], Timestamp::now()).await.unwrap();
+    assert_eq!(registry.counts(None).await.unwrap(), Counts { live: 6, revoked: 1 });
+    assert_eq!(registry.counts(Some("other")).await.unwrap(), Counts { live: 3, revoked: 0 });
+    assert_eq!(registry.counts(Some("nobody")).await.unwrap(), Counts::default());
+}
+
+/// The first to register drew the last id, and the clock jumped back by a year meanwhile.
+pub(super) async fn pages_go_by_registration_whatever_ids_and_clocks_say(registry: &dyn Registry) {
+    let fast = sample_record();
+    let mut slow = Record { id: Uuid::from_u128(fast.id.as_u128() - (1 << 90)), ..sample_record() };
+    slow.created_at = fast.created_at - jiff::SignedDuration::from_hours(365 * 24);
+    registry.register(&fast, None).await.unwrap();
+    let seen = registry.page(&Filter::default(), Order::Oldest, None, 9).await.unwrap();
+    assert_eq!(seen.records, [fast.clone()]);
+    registry.register(&slow, None).await.unwrap();
+    let later = registry.page(&Filter::default(), Order::Oldest, seen.resume, 9).await.unwrap();
+    assert_eq!(later.records, [slow.clone()], "a poller sees what was registered later");
+    let none = registry.page(&Filter::default(), Order::Oldest, later.resume, 9).await.unwrap();
+    assert!(none.records.is_empty() && none.next.is_none());
+    assert_eq!(none.resume, later.resume, "and goes on from where it was");
+    let newest = registry.page(&Filter::default(), Order::Newest, None, 9).await.unwrap();
+    assert_eq!(newest.records, [slow, fast]);
+    assert!(newest.resume.is_none());
+}
+
+pub(super) async fn a_poller_misses_nothing(registry: Arc<dyn Registry>) {
+    const WRITERS: usize = 8;
+    const EACH: usize = 25;
+    let mut writers = tokio::task::JoinSet::new();
+    for writer in 0..WRITERS {
+        let registry = registry.clone();
+        writers.spawn(async move {
+            // Ids drawn long before they are registered, in another order for every writer.
+            let mut records: Vec<Record> =
+                std::iter::repeat_with(sample_record).take(EACH).collect();
+            if writer % 2 == 0 {
+                records.reverse();
+            }
+            for record in records {
+                registry.register(&record, None).await.unwrap();
+            }
+        });
+    }
+    let (mut seen, mut after) = (Vec::new(), None);
+    loop {
+        // Looked at before the page: what was registered by then must be on it.
+        let done = writers.is_empty();
+        while writers.try_join_next().map(Result::unwrap).is_some() {}
+        let page = registry.page(&Filter::default(), Order::Oldest, after, 7).await.unwrap();
+        seen.extend(page.records.iter().map(|record| record.id));
+        after = page.resume;
+        if done && page.next.is_none() {
+            break;
+        }
+    }
+    let all = all_pages(&*registry, &Filter::default(), Order::Oldest, 200).await;
+    assert_eq!(all.len(), WRITERS * EACH);
+    assert_eq!(seen, all, "each once, in order");
 }
 
 pub(super) async fn revoked_records_are_kept_but_not_live(registry: &dyn Registry) {

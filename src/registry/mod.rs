@@ -8,14 +8,15 @@
 mod contract;
 mod record;
 mod sqlite;
+mod sqlite_pages;
 mod sqlite_rows;
 
 use async_trait::async_trait;
 use uuid::Uuid;
 
 pub use record::{
-    Cursor, ExistingMark, Filter, HostSketch, IdempotencyEntry, MarkSource, Page, Quality, Record,
-    StoredVerification,
+    Counts, Cursor, ExistingMark, Filter, HostSketch, IdempotencyEntry, MarkSource, Order, Page,
+    Quality, Record, StoredVerification,
 };
 pub use sqlite::Sqlite;
 #[cfg(test)]
@@ -45,6 +46,9 @@ pub enum RegistryError {
          service (it holds registry.sqlite)"
     )]
     NoRegistry(String),
+    /// A cursor that no page of this registry gave.
+    #[error("the cursor is not of this registry")]
+    ForeignCursor,
     /// The idempotency key was registered in the meantime, by a request that ran at the same time.
     #[error("the idempotency key was used by another request in the meantime")]
     IdempotencyTaken,
@@ -80,16 +84,23 @@ pub trait Registry: Send + Sync {
     /// Those of these records that exist, revoked or not, in the order of their ids.
     async fn records(&self, ids: &[Uuid]) -> Result<Vec<Record>, RegistryError>;
 
-    /// A page of records, newest first, revoked ones included.
+    /// A page of records in the order of their registration, revoked ones included.
+    ///
+    /// # Errors
+    /// [`RegistryError::ForeignCursor`] when no record is where `after` says.
     async fn page(
         &self,
         filter: &Filter,
+        order: Order,
         after: Option<Cursor>,
         limit: u32,
     ) -> Result<Page, RegistryError>;
 
-    /// Ids of at most `limit` of an owner's records that are not revoked, oldest first, after
-    /// `after`.
+    /// How many records there are; of one owner, where one is named.
+    async fn counts(&self, owner_id: Option<&str>) -> Result<Counts, RegistryError>;
+
+    /// Ids of at most `limit` of an owner's records that are not revoked, in the order of the ids,
+    /// after `after`.
     async fn live_ids(
         &self,
         owner_id: &str,

@@ -2,6 +2,8 @@
 //!
 //! Must not know how they are stored.
 
+use std::str::FromStr;
+
 use base64::Engine as _;
 use base64::prelude::BASE64_URL_SAFE_NO_PAD;
 use jiff::Timestamp;
@@ -14,7 +16,8 @@ use crate::watermark::{BitCount, Frame, Method, Strength};
 /// One registered mark.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
-    /// UUID version 7: ids are in order of registration.
+    /// UUID version 7, drawn when the request began: records are registered in another order, that
+    /// of their rows.
     pub id: Uuid,
     /// Whose mark it is.
     pub owner_id: String,
@@ -153,7 +156,41 @@ pub struct Filter {
     pub recipient: Option<String>,
 }
 
-/// Where a page ends; opaque to callers.
+/// In which order a page shows records: that of their registration, which neither ids nor times
+/// promise (an id is drawn before the marking, a clock may jump).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Order {
+    /// The last registered first.
+    #[default]
+    Newest,
+    /// The first registered first. Who follows it by cursor sees every record once: none is ever
+    /// registered before one that was seen.
+    Oldest,
+}
+
+impl Order {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Newest, Self::Oldest];
+
+    /// Its name in requests.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Newest => "newest",
+            Self::Oldest => "oldest",
+        }
+    }
+}
+
+impl FromStr for Order {
+    type Err = &'static str;
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        let named = Self::ALL.into_iter().find(|order| order.name() == name);
+        named.ok_or("must be newest or oldest")
+    }
+}
+
+/// Where a page ends: the last record on it. Opaque to callers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cursor(pub(super) Uuid);
 
@@ -172,13 +209,25 @@ impl Cursor {
     }
 }
 
-/// A page of records, newest first.
+/// A page of records.
 #[derive(Debug)]
 pub struct Page {
-    /// The records.
+    /// The records, in the order asked for.
     pub records: Vec<Record>,
     /// Where the next page begins; `None` on the last one.
     pub next: Option<Cursor>,
+    /// With [`Order::Oldest`], where what will be registered later begins; `None` while there is
+    /// nothing.
+    pub resume: Option<Cursor>,
+}
+
+/// How many records there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Those that are not revoked.
+    pub live: u64,
+    /// Those that are.
+    pub revoked: u64,
 }
 
 /// What an idempotency key was used for.
@@ -208,6 +257,14 @@ pub struct StoredVerification {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn orders_read_back() {
+        for order in Order::ALL {
+            assert_eq!(order.name().parse(), Ok(order));
+        }
+        assert!("random".parse::<Order>().is_err());
+    }
 
     #[test]
     fn cursors_survive_and_nonsense_does_not() {

@@ -18,8 +18,10 @@ use sqlx::sqlite::{
 use uuid::Uuid;
 
 use super::record::{
-    Cursor, Filter, HostSketch, IdempotencyEntry, MarkSource, Page, Record, StoredVerification,
+    Counts, Cursor, Filter, HostSketch, IdempotencyEntry, MarkSource, Order, Page, Record,
+    StoredVerification,
 };
+use super::sqlite_pages::{counts, page};
 use super::sqlite_rows::{bad_row, bytes32, insert_record, record_from_row, source_from_row};
 use super::{Registry, RegistryError};
 use crate::durable::{create_directory, sync_directory};
@@ -162,28 +164,15 @@ impl Registry for Sqlite {
     async fn page(
         &self,
         filter: &Filter,
+        order: Order,
         after: Option<Cursor>,
         limit: u32,
     ) -> Result<Page, RegistryError> {
-        let mut query = sqlx::QueryBuilder::new("SELECT * FROM watermarks WHERE TRUE");
-        if let Some(owner_id) = &filter.owner_id {
-            query.push(" AND owner_id = ").push_bind(owner_id);
-        }
-        if let Some(recipient) = &filter.recipient {
-            query.push(" AND recipient = ").push_bind(recipient);
-        }
-        if let Some(Cursor(id)) = after {
-            query.push(" AND id < ").push_bind(id.to_string());
-        }
-        // One more than asked: it says whether there is a next page.
-        query.push(" ORDER BY id DESC LIMIT ").push_bind(i64::from(limit) + 1);
-        let rows = query.build().fetch_all(&self.readers).await?;
-        let asked = usize::try_from(limit).unwrap_or(usize::MAX);
-        let more = rows.len() > asked;
-        let records =
-            rows.iter().take(asked).map(record_from_row).collect::<Result<Vec<_>, _>>()?;
-        let next = records.last().filter(|_| more).map(|record| Cursor(record.id));
-        Ok(Page { records, next })
+        page(&self.readers, filter, order, after, limit).await
+    }
+
+    async fn counts(&self, owner_id: Option<&str>) -> Result<Counts, RegistryError> {
+        counts(&self.readers, owner_id).await
     }
 
     async fn live_ids(
@@ -392,7 +381,11 @@ mod tests {
             directory.path().join(count.to_string())
         };
         let registry = Sqlite::open(&fresh()).await.unwrap();
-        contract::pages_are_newest_first_and_complete(&registry).await;
+        contract::pages_are_in_order_and_complete(&registry).await;
+        let registry = Sqlite::open(&fresh()).await.unwrap();
+        contract::pages_go_by_registration_whatever_ids_and_clocks_say(&registry).await;
+        let registry = Sqlite::open(&fresh()).await.unwrap();
+        contract::a_poller_misses_nothing(Arc::new(registry)).await;
         let registry = Sqlite::open(&fresh()).await.unwrap();
         contract::revoked_records_are_kept_but_not_live(&registry).await;
         let registry = Sqlite::open(&fresh()).await.unwrap();
@@ -403,6 +396,33 @@ mod tests {
         contract::sketches_are_kept_once_per_host(&registry).await;
         let registry = Sqlite::open(&fresh()).await.unwrap();
         contract::many_writers_at_once(Arc::new(registry)).await;
+    }
+
+    /// `VACUUM` may number rows anew: a cursor names a record, not a row.
+    #[tokio::test]
+    async fn cursors_survive_a_vacuum() {
+        let directory = tempfile::tempdir().unwrap();
+        let registry = Sqlite::open(directory.path()).await.unwrap();
+        let records: Vec<Record> = std::iter::repeat_with(sample_record).take(4).collect();
+        for record in &records {
+            registry.register(record, None).await.unwrap();
+        }
+        let page =
+            async |order, after| registry.page(&Filter::default(), order, after, 3).await.unwrap();
+        let seen = page(Order::Oldest, None).await;
+        for id in [records[0].id, records[1].id] {
+            sqlx::query("DELETE FROM watermarks WHERE id = ?")
+                .bind(id.to_string())
+                .execute(&registry.writer)
+                .await
+                .unwrap();
+        }
+        sqlx::query("VACUUM").execute(&registry.writer).await.unwrap();
+        let rest = page(Order::Oldest, seen.next).await;
+        assert_eq!(rest.records, records[3..]);
+        let gone = Some(Cursor(records[0].id));
+        let refused = registry.page(&Filter::default(), Order::Oldest, gone, 3).await;
+        assert!(matches!(refused, Err(RegistryError::ForeignCursor)));
     }
 
     #[tokio::test]
@@ -431,6 +451,7 @@ mod tests {
             "ALTER TABLE watermarks DROP COLUMN quality",
             "ALTER TABLE watermarks DROP COLUMN existing_marks",
             "DROP TABLE hosts",
+            "DROP INDEX watermarks_by_owner_in_order",
             "DELETE FROM _sqlx_migrations WHERE version > 1",
         ] {
             sqlx::query(statement).execute(&registry.writer).await.unwrap();

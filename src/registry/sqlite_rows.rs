@@ -161,7 +161,7 @@ fn json<T: DeserializeOwned>(
 }
 
 fn format_from_name(name: &str) -> Option<Format> {
-    [Format::Obj, Format::Gltf, Format::Glb].into_iter().find(|format| format.extension() == name)
+    Format::ALL.into_iter().find(|format| format.extension() == name)
 }
 
 #[cfg(test)]

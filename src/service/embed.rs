@@ -16,13 +16,13 @@ use super::known::mark_key;
 use super::register::KeptHost;
 use super::{OnExisting, Service, ServiceError, Spooled, Text, idempotency};
 use crate::blobs::{Kind, geometry};
-use crate::formats::Format;
+use crate::formats::{Format, sniff};
 use crate::keys::random_bytes;
 use crate::marking::{MarkReport, MarkRequest, Marked, MaxDistortion, mark, mark_within};
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
 use crate::registration::{Shape, Sketch};
-use crate::registry::{Quality, Record};
+use crate::registry::{IdempotencyEntry, Quality, Record};
 use crate::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength};
 
 /// The scheme that this release embeds.
@@ -55,6 +55,8 @@ pub struct EmbedRequest {
     pub keep_host: bool,
     /// What to do when the host already carries a registered mark.
     pub on_existing: OnExisting,
+    /// Formats that the caller takes back; a host of another is refused before any work.
+    pub formats: Vec<Format>,
     /// The caller's key for retries.
     pub idempotency_key: Option<String>,
 }
@@ -125,7 +127,7 @@ impl Service {
             Some(entry) if entry.fingerprint != fingerprint => {
                 Err(ServiceError::IdempotencyConflict)
             }
-            Some(entry) => self.replay(request, entry.watermark_id).await,
+            Some(entry) => self.replay(request, &entry).await,
             None => self.embed_new(request, Some((key, fingerprint))).await,
         }
     }
@@ -154,7 +156,8 @@ impl Service {
         let message_bytes = message.to_bytes();
         let (keep_host, on_existing) = (request.keep_host, Some(request.on_existing));
         let how = (method, bits, force);
-        let done = self.mark(request.file, key, message, how, keep_host, on_existing).await?;
+        let upload = (request.file, request.formats);
+        let done = self.mark(upload, key, message, how, keep_host, on_existing).await?;
         let existing_marks = match &done.existing {
             Some(seen) => Some(self.owned(seen).await?),
             None => None,
@@ -197,7 +200,7 @@ impl Service {
     /// Without `on_existing` nobody looks what the host carries.
     async fn mark(
         self: &Arc<Self>,
-        mut file: Spooled,
+        (mut file, formats): (Spooled, Vec<Format>),
         key: MarkKey,
         message: Message,
         (method, bits, force): (Method, BitCount, Force),
@@ -215,6 +218,7 @@ impl Service {
         let service = self.clone();
         self.run(file.bytes, move |stop| {
             let host_bytes = file.read()?;
+            takes(&formats, sniff(&host_bytes)?)?;
             let existing = match on_existing {
                 Some(on_existing) => {
                     let seen = service.marks_on(&host_bytes, stop)?;
@@ -263,24 +267,54 @@ impl Service {
     async fn replay(
         self: &Arc<Self>,
         request: EmbedRequest,
-        id: Uuid,
+        entry: &IdempotencyEntry,
     ) -> Result<Embedded, ServiceError> {
+        let record = self.live_record(entry).await?;
+        takes(&request.formats, record.format)?;
+        let bytes = self.made_before(request, record).await?;
+        // It may have been revoked while the file was fetched or made again.
+        let record = self.live_record(entry).await?;
+        Ok(Embedded { record, bytes, replayed: true })
+    }
+
+    /// The record of an idempotency key, unless it was revoked.
+    async fn live_record(&self, entry: &IdempotencyEntry) -> Result<Record, ServiceError> {
+        let id = entry.watermark_id;
         let record = self.registry.record(id).await?.ok_or(ServiceError::UnknownWatermark(id))?;
+        match record.revoked_at {
+            None => Ok(record),
+            Some(at) => Err(ServiceError::IdempotencyRevoked { key: entry.key.clone(), id, at }),
+        }
+    }
+
+    /// The marked file of a record: from the store, or made again from its host.
+    async fn made_before(
+        self: &Arc<Self>,
+        request: EmbedRequest,
+        record: Record,
+    ) -> Result<Bytes, ServiceError> {
+        let id = record.id;
         if record.file_kept
             && let Some(bytes) = self.blobs.get(Kind::File, id).await?
         {
-            return Ok(Embedded { record, bytes, replayed: true });
+            return Ok(bytes);
         }
         // Marking is deterministic: the same host, key and message give the same bytes.
         let message = Message::from_bytes(&record.message, record.bits)?;
         let key = mark_key(&self.keys, &record.key_id, &record.salt, &record.owner_id)?;
         let how = (record.method, record.bits, Force::Exactly(record.strength));
-        let done = self.mark(request.file, key, message, how, false, None).await?;
+        let done =
+            self.mark((request.file, request.formats), key, message, how, false, None).await?;
         if done.marked_sha256 != record.marked_sha256 {
             return Err(ServiceError::CannotRemake(id));
         }
-        Ok(Embedded { record, bytes: done.marked, replayed: true })
+        Ok(done.marked)
     }
+}
+
+/// Refuses a file that the caller does not take back.
+fn takes(formats: &[Format], format: Format) -> Result<(), ServiceError> {
+    if formats.contains(&format) { Ok(()) } else { Err(ServiceError::FormatNotTaken(format)) }
 }
 
 /// Geometry and sketch of a host.

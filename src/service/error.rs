@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
+use jiff::Timestamp;
 use uuid::Uuid;
 
 use crate::blobs::BlobError;
 use crate::blobs::geometry::GeometryError;
-use crate::formats::FormatError;
+use crate::formats::{Format, FormatError};
 use crate::jobs::JobError;
 use crate::keys::KeyError;
 use crate::marking::MarkError;
@@ -27,6 +28,9 @@ pub enum ServiceError {
     /// The file cannot be read as a mesh.
     #[error(transparent)]
     Format(#[from] FormatError),
+    /// The host is of a format that the caller does not take back.
+    #[error("the file is {}, which the caller does not take back", .0.extension())]
+    FormatNotTaken(Format),
     /// The mesh cannot be marked or read.
     #[error(transparent)]
     Watermark(#[from] WatermarkError),
@@ -57,6 +61,23 @@ pub enum ServiceError {
     /// A request with this idempotency key runs now.
     #[error("a request with this Idempotency-Key is being worked on; try again shortly")]
     IdempotencyInProgress,
+    /// The idempotency key stands for a mark that was revoked.
+    #[error(
+        "the Idempotency-Key {key:?} stands for the watermark {id}, which was revoked at {at}: its \
+         file is not handed out again. To mark the file anew, send the request with another \
+         Idempotency-Key"
+    )]
+    IdempotencyRevoked {
+        /// The key.
+        key: String,
+        /// The record.
+        id: Uuid,
+        /// When it was revoked.
+        at: Timestamp,
+    },
+    /// What the request asks about has no mark that can be searched for.
+    #[error("there is nothing to compare the file with: {0}")]
+    NothingToCompare(String),
     /// The file was not kept and this version marks it differently.
     #[error(
         "the record {0} exists, but its marked file was not kept and cannot be made again; use a \

@@ -36,7 +36,7 @@ const LEAST_HITS: u32 = 2;
 #[derive(Default)]
 struct Inner {
     geometry: GeometryIndex,
-    /// Records of each host, oldest first.
+    /// Records of each host, in the order of their registration or nearly.
     records: HashMap<HostKey, Vec<Uuid>>,
 }
 
@@ -76,7 +76,7 @@ impl Hosts {
         self.0.read().unwrap_or_else(PoisonError::into_inner).records.len()
     }
 
-    /// The records of a host, oldest first.
+    /// The records of a host, in the order of their registration or nearly.
     pub(super) fn records_of(&self, key: HostKey) -> Vec<Uuid> {
         let inner = self.0.read().unwrap_or_else(PoisonError::into_inner);
         inner.records.get(&key).cloned().unwrap_or_default()

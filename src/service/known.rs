@@ -63,6 +63,11 @@ impl Known {
         index.remove(record.id.as_u128(), key);
     }
 
+    /// Whether any of these records (ascending) is searched for.
+    pub(super) fn has_any(&self, ids: &[u128]) -> bool {
+        !self.marks().only(ids).is_empty()
+    }
+
     pub(super) fn len(&self) -> usize {
         self.0.read().unwrap_or_else(PoisonError::into_inner).len()
     }

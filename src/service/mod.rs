@@ -15,6 +15,8 @@ mod records;
 mod register;
 mod spool;
 mod sweep;
+#[cfg(test)]
+mod test_support;
 mod text;
 mod verdict;
 mod verify;
@@ -86,6 +88,10 @@ pub struct Service {
     hosts: hosts::Hosts,
     homes: verify::Homes,
     in_progress: idempotency::InProgress,
+    /// Held by registrations side by side and by a revocation alone, from the registry's commit until
+    /// memory is in step with it. Without it a mark revoked between the two would be inserted after it
+    /// was removed, and found until the next start.
+    order: tokio::sync::RwLock<()>,
     /// Work that outlives the connection it began on.
     tasks: TaskTracker,
     spool_directory: PathBuf,
@@ -137,7 +143,7 @@ impl Service {
     fn over(
         config: Config,
         keys: KeyRing,
-        registry: Sqlite,
+        registry: impl Registry + 'static,
         blobs: Blobs,
         spool_directory: PathBuf,
         only_reads: bool,
@@ -148,6 +154,7 @@ impl Service {
             hosts: hosts::Hosts::default(),
             homes: verify::Homes::new(),
             in_progress: idempotency::InProgress::default(),
+            order: tokio::sync::RwLock::default(),
             tasks: TaskTracker::new(),
             registry: Arc::new(registry),
             keys,

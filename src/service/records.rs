@@ -9,7 +9,7 @@ use super::embed::now;
 use super::known::codeword;
 use super::{Service, ServiceError};
 use crate::blobs::Kind;
-use crate::registry::{Cursor, Filter, Page, Record};
+use crate::registry::{Cursor, Filter, Order, Page, Record, RegistryError};
 
 /// Most records on one page.
 pub const LONGEST_PAGE: u32 = 200;
@@ -32,13 +32,14 @@ impl Service {
         self.registry.record(id).await?.ok_or(ServiceError::UnknownWatermark(id))
     }
 
-    /// A page of records, newest first.
+    /// A page of records, in the order of their registration.
     ///
     /// # Errors
     /// [`ServiceError::InvalidParameter`] for a limit out of 1 to 200 or a foreign cursor.
     pub async fn page(
         &self,
         filter: &Filter,
+        order: Order,
         cursor: Option<&str>,
         limit: u32,
     ) -> Result<Page, ServiceError> {
@@ -49,13 +50,19 @@ impl Service {
         if !(1..=LONGEST_PAGE).contains(&limit) {
             return Err(refuse("limit", "must be from 1 to 200"));
         }
-        let after = match cursor {
-            None => None,
-            Some(text) => Some(Cursor::from_text(text).ok_or_else(|| {
-                refuse("cursor", "is not one; take next_cursor from the page before, unchanged")
-            })?),
-        };
-        Ok(self.registry.page(filter, after, limit).await?)
+        let after =
+            match cursor {
+                None => None,
+                Some(text) => Some(Cursor::from_text(text).ok_or_else(|| {
+                    refuse("cursor", "is not one; take it from a page, unchanged")
+                })?),
+            };
+        match self.registry.page(filter, order, after, limit).await {
+            Err(RegistryError::ForeignCursor) => {
+                Err(refuse("cursor", "is not of this registry; begin without one"))
+            }
+            page => Ok(page?),
+        }
     }
 
     /// The marked file of a record.
@@ -78,18 +85,22 @@ impl Service {
     pub async fn revoke(self: &Arc<Self>, id: Uuid) -> Result<Record, ServiceError> {
         let service = self.clone();
         let revoked = async move {
+            // After the registrations that are under way: what they insert is removed here.
+            let order = service.order.write().await;
             let revoked = service.registry.revoke(id, now()?).await?;
             let record = revoked.ok_or(ServiceError::UnknownWatermark(id))?;
-            let revoked = record.clone();
+            let (revoked, memory) = (record.clone(), service.clone());
             // The locks may be held by a search: wait for them on a blocking thread.
             let removed = tokio::task::spawn_blocking(move || {
-                service.hosts.remove(&revoked);
+                memory.hosts.remove(&revoked);
                 // Without its master key a mark is not searched for in the first place.
-                if let Ok(codeword) = codeword(&service.keys, &revoked.source()) {
-                    service.known.remove(&revoked, &codeword);
+                if let Ok(codeword) = codeword(&memory.keys, &revoked.source()) {
+                    memory.known.remove(&revoked, &codeword);
                 }
             });
-            removed.await.map_err(|error| ServiceError::Internal(error.to_string()))?;
+            let removed = removed.await;
+            drop(order);
+            removed.map_err(|error| ServiceError::Internal(error.to_string()))?;
             Ok(record)
         };
         self.see_through(revoked).await

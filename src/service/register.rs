@@ -1,7 +1,7 @@
 //! Registering a mark: a record exists if and only if its file could be handed out.
 //!
 //! Blobs, one registry transaction, index, in this order; on every way out that is not success
-//! the blobs are removed.
+//! the blobs are removed. A revocation comes before the transaction or after the index, never between.
 
 use std::sync::Arc;
 
@@ -40,13 +40,24 @@ impl Service {
         if let Some(sketch) = &sketch {
             self.registry.keep_sketch(&record.host_sha256, &sketch.to_bytes()).await?;
         }
-        if let Err(error) = self.store(record, file, host, idempotency).await {
-            // Before the answer: who is told of a failure finds nothing left.
-            if let Some(id) = undo.id.take() {
-                self.remove_unregistered(id).await;
+        let stored = match self.put_blobs(record.id, file, host).await {
+            Ok(()) => {
+                // Until the index is in step with the registry.
+                let order = self.order.read().await;
+                self.commit(record, idempotency).await.map(|()| order)
             }
-            return Err(error);
-        }
+            Err(error) => Err(error),
+        };
+        let order = match stored {
+            Ok(order) => order,
+            Err(error) => {
+                // Before the answer: who is told of a failure finds nothing left.
+                if let Some(id) = undo.id.take() {
+                    self.remove_unregistered(id).await;
+                }
+                return Err(error);
+            }
+        };
         undo.id = None;
         let (service, record) = (self.clone(), record.clone());
         // The lock may be held by a search: wait for it on a blocking thread.
@@ -56,21 +67,30 @@ impl Service {
                 service.hosts.insert(&record, sketch.as_ref());
             }
         });
-        inserted.await.map_err(|error| ServiceError::Internal(error.to_string()))
+        let inserted = inserted.await;
+        drop(order);
+        inserted.map_err(|error| ServiceError::Internal(error.to_string()))
     }
 
-    async fn store(
+    async fn put_blobs(
         &self,
-        record: &Record,
+        id: Uuid,
         file: Option<Bytes>,
         host: Option<Bytes>,
-        idempotency: Option<(String, [u8; 32])>,
     ) -> Result<(), ServiceError> {
         for (kind, bytes) in [(Kind::File, file), (Kind::Host, host)] {
             if let Some(bytes) = bytes {
-                self.blobs.put(kind, record.id, bytes).await?;
+                self.blobs.put(kind, id, bytes).await?;
             }
         }
+        Ok(())
+    }
+
+    async fn commit(
+        &self,
+        record: &Record,
+        idempotency: Option<(String, [u8; 32])>,
+    ) -> Result<(), ServiceError> {
         let entry = idempotency.map(|(key, fingerprint)| IdempotencyEntry {
             owner_id: record.owner_id.clone(),
             key,
@@ -107,3 +127,6 @@ impl Drop for RemoveBlobs {
         self.service.tasks.spawn(async move { service.remove_unregistered(id).await });
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -188,8 +188,10 @@ pub struct Match {
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct FileFacts {
     /// SHA-256 of the file, hexadecimal.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub sha256: String,
     /// `obj`, `gltf` or `glb`.
+    #[schema(example = "obj")]
     pub format: String,
     /// Vertices in the file.
     pub vertices: usize,

@@ -67,3 +67,29 @@ async fn of_equal_requests_at_once_one_works() {
     assert!(refused.status().is_client_error());
     marked(send(&server, "free", form()).await).await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_revoked_mark_is_not_handed_out_again() {
+    for keep in ["true", "false"] {
+        let server = Server::start().await;
+        let form = || file_form(obj()).text("owner_id", "acme").text("keep_file", keep);
+        let (id, _) = marked(send(&server, "k-1", form()).await).await;
+        let before = server.service.blob_count().await.unwrap();
+        let path = format!("/v1/watermarks/{id}");
+        server.client.delete(server.url(&path)).send().await.unwrap();
+        let revoked = server.get_json(&path).await;
+        let body = problem(send(&server, "k-1", form()).await, 409, "idempotency_revoked").await;
+        let detail = body["detail"].as_str().unwrap();
+        for word in ["k-1", &id, "another Idempotency-Key"] {
+            assert!(detail.contains(word), "{detail}");
+        }
+        // Registry and store are as they were.
+        let page = server.get_json("/v1/watermarks").await;
+        assert_eq!(page["watermarks"], serde_json::json!([revoked]), "keep_file={keep}");
+        assert_eq!(server.service.blob_count().await.unwrap(), before);
+        let other = form().text("label", "x");
+        problem(send(&server, "k-1", other).await, 409, "idempotency_conflict").await;
+        let (new, _) = marked(send(&server, "k-2", form()).await).await;
+        assert_ne!(new, id);
+    }
+}

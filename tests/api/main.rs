@@ -3,13 +3,16 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod accept;
 mod adversarial;
 mod answers;
 mod binary;
 mod broken;
+mod client;
 mod existing;
 mod idempotency;
 mod marking;
+mod nothing;
 mod protocol;
 mod quality;
 mod recognition;

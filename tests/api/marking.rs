@@ -47,8 +47,6 @@ async fn hosts_and_strangers_do_not_match() {
     let form = file_form(&other_file).text("owner_id", "acme");
     let verdict = server.verify(form).await;
     assert_eq!(verdict["verdict"], "no_match", "{verdict}");
-    let nobody = server.verify(file_form(&file).text("owner_id", "nobody")).await;
-    assert_eq!((&nobody["verdict"], &nobody["hypotheses"]), (&"no_match".into(), &0.into()));
     // Named: the blind frame says enough, so the host's own is not tried.
     let named = server.verify(file_form(&file).text("watermark_id", id.clone())).await;
     assert_match(&named, &id);

@@ -115,6 +115,8 @@ pub(crate) async fn marked(response: reqwest::Response) -> (String, Vec<u8>) {
 /// Checks that an answer is a problem of this status and code; its body.
 pub(crate) async fn problem(response: reqwest::Response, status: u16, code: &str) -> Value {
     let found = response.status().as_u16();
+    let path = response.url().path().to_owned();
+    assert!(is_documented(&path, found, code), "openapi.yaml: {path} answers {found} {code}");
     let kind = response.headers().get("content-type").cloned();
     let id = response.headers().get("x-request-id").cloned();
     let text = response.text().await.unwrap();
@@ -128,6 +130,28 @@ pub(crate) async fn problem(response: reqwest::Response, status: u16, code: &str
         assert!(body[member].as_str().is_some_and(|text| !text.is_empty()), "{member}: {text}");
     }
     body
+}
+
+/// Whether an operation at this path may answer so, as the document says. What is at no path, or asked
+/// with a method that its path does not have, is no operation.
+fn is_documented(path: &str, status: u16, code: &str) -> bool {
+    static DOCUMENT: OnceLock<Value> = OnceLock::new();
+    let read = || yaml_serde::from_str(&quadmark::http::openapi_yaml()).unwrap();
+    let paths = DOCUMENT.get_or_init(read)["paths"].as_object().unwrap();
+    let is = |template: &str| {
+        let (asked, known) = (path.split('/'), template.split('/'));
+        asked.clone().count() == known.clone().count()
+            && asked.zip(known).all(|(asked, known)| asked == known || known.starts_with('{'))
+    };
+    let Some((_, operations)) = paths.iter().find(|(template, _)| is(template)) else {
+        return true;
+    };
+    let status = status.to_string();
+    let says = |operation: &Value| {
+        let description = &operation["responses"][&status]["description"];
+        description.as_str().is_some_and(|text| text.contains(&format!("`{code}`")))
+    };
+    code == "method_not_allowed" || operations.as_object().unwrap().values().any(says)
 }
 
 pub(crate) fn file_part(file: &[u8]) -> Part {

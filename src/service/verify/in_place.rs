@@ -13,7 +13,7 @@ use crate::keys::KeyRing;
 use crate::registry::Record;
 use crate::watermark::{Candidate, Hypothesis, Suspect, Worth};
 
-/// Records that are scored, newest first: one pass over the norms each.
+/// Records that are scored, those with the last ids first: one pass over the norms each.
 const MOST_RECORDS: usize = 1_000;
 
 pub(super) struct InPlace;

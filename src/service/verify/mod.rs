@@ -129,7 +129,8 @@ impl Service {
     /// Compares a suspect with the registered marks and keeps the verdict.
     ///
     /// # Errors
-    /// [`ServiceError`]: the file cannot be read, or names a record that does not exist.
+    /// [`ServiceError`]: the file cannot be read, or the request names what does not exist or cannot
+    /// be searched for. Then no verdict is kept.
     pub async fn verify(
         self: &Arc<Self>,
         request: VerifyRequest,
@@ -146,8 +147,12 @@ impl Service {
                 service.begin(&bytes, named, depth, stop)
             })
             .await?;
-        let searched = self.end(begun, named, depth, bytes).await?;
+        let searched = self.end(begun, named.clone(), depth, bytes).await?;
         let verification = self.judge(searched, depth, sha256).await?;
+        // What it named may have been found and dropped, because it was revoked meanwhile.
+        if verification.matches.is_empty() && named.is_some_and(|named| !self.searches(&named)) {
+            return Err(revoked_meanwhile());
+        }
         if self.only_reads {
             return Ok(verification);
         }
@@ -187,6 +192,9 @@ impl Service {
             None => all.clone(),
             Some(named) => all.only(named.ids()),
         };
+        if named.is_some() && marks.is_empty() {
+            return Err(revoked_meanwhile());
+        }
         let mut climb = Climb::new(self.thresholds());
         let case = Case { suspect: &suspect, marks: &marks, named, keys: &self.keys, stop };
         climb.run(&case, ladder::stages(depth))?;
@@ -247,6 +255,10 @@ impl Service {
             .await?;
         Ok(of(climb))
     }
+}
+
+fn revoked_meanwhile() -> ServiceError {
+    ServiceError::NothingToCompare("what the request asks about was revoked meanwhile".to_owned())
 }
 
 fn go_on(stop: &Stop) -> Result<(), ServiceError> {

@@ -2,11 +2,12 @@
 
 use uuid::Uuid;
 
+use super::super::known::mark_key;
 use super::super::{BATCH, Service, ServiceError, Text};
 use super::VerifyRequest;
 use crate::registry::Record;
 
-/// Records whose details are fetched: the newest.
+/// Records whose details are fetched: those with the last ids.
 const DETAILED: usize = 4096;
 
 /// The live records that a request names.
@@ -14,7 +15,7 @@ const DETAILED: usize = 4096;
 pub(super) struct Named {
     /// All of them, ascending.
     ids: Vec<u128>,
-    /// The newest, oldest first.
+    /// Of those with the last ids the ones that can be read, in the order of the ids.
     records: Vec<Record>,
 }
 
@@ -29,7 +30,7 @@ impl Named {
         &self.ids
     }
 
-    /// The newest records, oldest first; of most owners all.
+    /// Records in the order of their ids; of most owners all that can be read.
     pub(super) fn records(&self) -> &[Record] {
         &self.records
     }
@@ -37,21 +38,56 @@ impl Named {
 
 impl Service {
     /// What the request names; `None` when it names nothing.
+    ///
+    /// # Errors
+    /// [`ServiceError::NothingToCompare`] when nothing that it asks about can be searched for: an
+    /// answer of `no_match` would say that somebody looked.
     pub(super) async fn named(
         &self,
         request: &VerifyRequest,
     ) -> Result<Option<Named>, ServiceError> {
         let owner_id = request.owner_id.as_ref().map(Text::as_str);
-        if let Some(id) = request.watermark_id {
-            let record =
-                self.registry.record(id).await?.ok_or(ServiceError::UnknownWatermark(id))?;
-            let theirs = owner_id.is_none_or(|owner_id| record.owner_id == owner_id);
-            let live = record.revoked_at.is_none();
-            let records = Vec::from_iter((theirs && live).then_some(record));
-            let ids = records.iter().map(|record| record.id.as_u128()).collect();
-            return Ok(Some(Named { ids, records }));
+        let named = match (request.watermark_id, owner_id) {
+            (Some(id), owner_id) => Some(self.named_mark(id, owner_id).await?),
+            (None, Some(owner_id)) => Some(self.marks_of(owner_id).await?),
+            (None, None) => None,
+        };
+        if !self.is_searched(named.as_ref()) {
+            // What is being registered is in the registry before it is searched for.
+            drop(self.order.write().await);
+            if !self.is_searched(named.as_ref()) {
+                self.explain(named.as_ref(), owner_id).await?;
+            }
         }
-        let Some(owner_id) = owner_id else { return Ok(None) };
+        Ok(named)
+    }
+
+    /// Whether any mark that is asked about is searched for.
+    fn is_searched(&self, named: Option<&Named>) -> bool {
+        named.map_or(self.known.len() > 0, |named| self.searches(named))
+    }
+
+    /// Whether any of these marks is searched for.
+    pub(super) fn searches(&self, named: &Named) -> bool {
+        self.known.has_any(named.ids())
+    }
+
+    async fn named_mark(&self, id: Uuid, owner_id: Option<&str>) -> Result<Named, ServiceError> {
+        let record = self.registry.record(id).await?.ok_or(ServiceError::UnknownWatermark(id))?;
+        if let Some(owner_id) = owner_id.filter(|&owner_id| owner_id != record.owner_id) {
+            return Err(ServiceError::NothingToCompare(format!(
+                "the watermark {id} is not one of {owner_id:?}; leave out owner_id or watermark_id"
+            )));
+        }
+        if let Some(at) = record.revoked_at {
+            return Err(ServiceError::NothingToCompare(format!(
+                "the watermark {id} was revoked at {at}, and revoked marks are not searched for"
+            )));
+        }
+        Ok(Named { ids: vec![id.as_u128()], records: self.readable(vec![record]) })
+    }
+
+    async fn marks_of(&self, owner_id: &str) -> Result<Named, ServiceError> {
         let (mut ids, mut after) = (Vec::new(), None);
         loop {
             let batch = self.registry.live_ids(owner_id, after, BATCH).await?;
@@ -63,6 +99,127 @@ impl Service {
         let mut records = self.registry.records(newest).await?;
         // Revoked in the meantime.
         records.retain(|record| record.revoked_at.is_none());
-        Ok(Some(Named { ids: ids.iter().map(Uuid::as_u128).collect(), records }))
+        let ids = ids.iter().map(Uuid::as_u128).collect();
+        Ok(Named { ids, records: self.readable(records) })
+    }
+
+    /// Those whose master keys are there; the others are not searched for.
+    pub(super) fn readable(&self, mut records: Vec<Record>) -> Vec<Record> {
+        let has_key = |Record { key_id, salt, owner_id, .. }: &Record| {
+            mark_key(&self.keys, key_id, salt, owner_id).is_ok()
+        };
+        records.retain(has_key);
+        records
+    }
+
+    /// Says why nothing can be searched for. An empty registry, asked about without naming anybody, is
+    /// none of these cases: that no registered mark is in the file is then the true answer.
+    async fn explain(
+        &self,
+        named: Option<&Named>,
+        owner_id: Option<&str>,
+    ) -> Result<(), ServiceError> {
+        let unreadable = |which: String| {
+            format!(
+                "{which} cannot be read, because the master key that made it is missing; put the key \
+                 back (quadmark keys list names those that are there) and start again"
+            )
+        };
+        let reason = match (named, owner_id) {
+            (None, _) => match self.registry.counts(None).await?.live {
+                0 => return Ok(()),
+                live => unreadable(format!("every one of the {live} registered marks")),
+            },
+            (Some(named), Some(owner_id)) if named.ids.is_empty() => {
+                match self.registry.counts(Some(owner_id)).await?.revoked {
+                    0 => format!(
+                        "no mark of the owner {owner_id:?} is registered (owner ids are compared \
+                         letter by letter); leave out owner_id to compare with all marks"
+                    ),
+                    revoked => format!(
+                        "all marks of the owner {owner_id:?} were revoked ({revoked} of them), and \
+                         revoked marks are not searched for"
+                    ),
+                }
+            }
+            (Some(named), _) => match named.ids.as_slice() {
+                &[id] => unreadable(format!("the watermark {}", Uuid::from_u128(id))),
+                ids => unreadable(format!("every one of the {} marks asked about", ids.len())),
+            },
+        };
+        Err(ServiceError::NothingToCompare(reason))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::super::Spool;
+    use super::super::super::test_support::{keys, service};
+    use super::super::Depth;
+    use super::*;
+    use crate::registry::{Registry as _, Sqlite, sample_record};
+    use crate::sample::{Sample, to_obj};
+
+    async fn request(service: &Service, owner_id: Option<&str>, id: Option<Uuid>) -> VerifyRequest {
+        let obj = to_obj(&Sample::Blob.mesh(2_000).unwrap());
+        let spool = Spool::begin(&service.spool_directory).unwrap().write(&obj).await.unwrap();
+        VerifyRequest {
+            file: spool.end(None).await.unwrap(),
+            owner_id: owner_id.map(|owner_id| Text::parse("owner_id", owner_id).unwrap()),
+            watermark_id: id,
+            depth: Depth::Standard,
+        }
+    }
+
+    /// A service with these records, loaded.
+    async fn with(directory: &std::path::Path, records: &[&Record]) -> Arc<Service> {
+        let registry = Sqlite::open(directory).await.unwrap();
+        for record in records {
+            registry.register(record, None).await.unwrap();
+        }
+        let service = service(directory, registry);
+        service.load().await.unwrap();
+        service.load_hosts().await.unwrap();
+        service
+    }
+
+    #[tokio::test]
+    async fn marks_without_their_master_key_are_nothing_to_compare_with() {
+        let directory = tempfile::tempdir().unwrap();
+        let lost = sample_record();
+        let service = with(directory.path(), &[&lost]).await;
+        let asked = [(None, None), (Some("acme"), None), (None, Some(lost.id))];
+        for (owner_id, id) in asked {
+            let request = request(&service, owner_id, id).await;
+            let refused = service.verify(request).await.unwrap_err();
+            assert!(matches!(refused, ServiceError::NothingToCompare(_)), "{refused}");
+            assert!(refused.to_string().contains("master key"), "{refused}");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_lost_key_does_not_stop_the_search_for_the_other_marks() {
+        let directory = tempfile::tempdir().unwrap();
+        let lost = Record { host_kept: true, ..sample_record() };
+        let known =
+            Record { id: Uuid::now_v7(), key_id: keys().current().to_owned(), ..lost.clone() };
+        let service = with(directory.path(), &[&lost, &known]).await;
+        for owner_id in [None, Some("acme")] {
+            let request = request(&service, owner_id, None).await;
+            let verdict = service.verify(request).await.unwrap();
+            assert!(verdict.hypotheses > 0 && verdict.matches.is_empty());
+        }
+    }
+
+    #[tokio::test]
+    async fn an_empty_registry_is_compared_with_unless_somebody_is_named() {
+        let directory = tempfile::tempdir().unwrap();
+        let service = with(directory.path(), &[]).await;
+        let verdict = service.verify(request(&service, None, None).await).await.unwrap();
+        assert_eq!(verdict.hypotheses, 0);
+        let refused = service.verify(request(&service, Some("acme"), None).await).await;
+        assert!(matches!(refused, Err(ServiceError::NothingToCompare(_))));
     }
 }

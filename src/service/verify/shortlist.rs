@@ -92,6 +92,7 @@ impl Service {
             let newest = of_host.split_at(of_host.len().saturating_sub(DETAILED)).1;
             let mut records = self.registry.records(newest).await?;
             records.retain(|record| record.revoked_at.is_none());
+            let records = self.readable(records);
             let asked = |id: &&Uuid| named.is_none_or(|named| named.contains(**id));
             let mut ids: Vec<u128> = of_host.iter().filter(asked).map(Uuid::as_u128).collect();
             let home = self.homes.home(key);

@@ -101,7 +101,7 @@ impl CodewordIndex {
     pub fn insert(&mut self, id: u128, modulation: Modulation, codeword: &Codeword) {
         let key = GroupKey::of(codeword, modulation);
         let group = Arc::make_mut(self.groups.entry(key).or_default());
-        // Ids are in order of registration, so this is the end or near it.
+        // Ids are drawn in the order of time, so this is the end or near it.
         if let Err(at) = group.ids.binary_search(&id) {
             let width = key.row_width();
             group.ids.insert(at, id);

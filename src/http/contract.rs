@@ -1,0 +1,383 @@
+//! What the `OpenAPI` document says beyond the wire types: for every operation the errors by status
+//! with their codes, the raw-body form of uploads with its query, the headers of answers, and the
+//! links from what was made to where it can be had again.
+//!
+//! The tables here are held by tests: every code belongs somewhere, and the API tests check that what
+//! they are answered is written down.
+
+use std::collections::BTreeMap;
+
+use utoipa::openapi::header::Header;
+use utoipa::openapi::link::Link;
+use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn, PathItem};
+use utoipa::openapi::schema::{Object, ObjectBuilder, SchemaType, Type};
+use utoipa::openapi::{Content, OpenApi, Ref, RefOr, Required, Response, ResponseBuilder, Schema};
+
+use super::code::Code;
+use super::schemas::bytes;
+use crate::formats::Format;
+
+use Code::{
+    AlreadyMarked, Busy, CannotPatch, CannotRemake, CheckFailed, DeadlineExceeded,
+    DistortionUnreachable, DuplicateParameter, EmptyFile, ExternalBuffer, FileNotKept,
+    IdempotencyConflict, IdempotencyInProgress, IdempotencyRevoked, InsufficientCapacity, Internal,
+    InvalidParameter, MalformedGltf, MalformedMultipart, MalformedObj, MalformedRequest,
+    MissingParameter, NoRadialExtent, NoTriangles, NonFiniteVertex, NotAcceptable, NotFound,
+    NothingToCompare, ShuttingDown, TooLarge, UnknownFormat, UnknownParameter, UnknownVerification,
+    UnknownWatermark, Unprocessable, UnsupportedExtension, UnsupportedMediaType, UploadIncomplete,
+    UploadTimeout,
+};
+
+/// Of every operation, whatever it does.
+const ALWAYS: &[Code] = &[MalformedRequest, Internal];
+
+/// Of every upload.
+const UPLOAD: &[Code] = &[
+    MalformedMultipart,
+    UploadIncomplete,
+    MissingParameter,
+    UnknownParameter,
+    DuplicateParameter,
+    InvalidParameter,
+    UploadTimeout,
+    TooLarge,
+    UnsupportedMediaType,
+    UnknownFormat,
+    EmptyFile,
+    MalformedObj,
+    MalformedGltf,
+    UnsupportedExtension,
+    ExternalBuffer,
+    NonFiniteVertex,
+    NoTriangles,
+    NoRadialExtent,
+    Unprocessable,
+    Busy,
+    DeadlineExceeded,
+    ShuttingDown,
+];
+
+const EMBED: &[Code] = &[
+    NotAcceptable,
+    IdempotencyConflict,
+    IdempotencyInProgress,
+    IdempotencyRevoked,
+    CannotRemake,
+    AlreadyMarked,
+    CannotPatch,
+    InsufficientCapacity,
+    DistortionUnreachable,
+    CheckFailed,
+];
+
+/// The codes that an operation answers with, by its id.
+fn codes(operation: &str) -> Vec<&'static [Code]> {
+    match operation {
+        "embed" => vec![ALWAYS, UPLOAD, EMBED],
+        "verify" => vec![ALWAYS, UPLOAD, &[UnknownWatermark, NothingToCompare]],
+        "inspect" => vec![ALWAYS, UPLOAD],
+        "list_watermarks" => vec![ALWAYS, &[InvalidParameter]],
+        "get_watermark" | "revoke_watermark" => vec![ALWAYS, &[NotFound, UnknownWatermark]],
+        "get_marked_file" => vec![ALWAYS, &[NotFound, UnknownWatermark, FileNotKept]],
+        "get_verification" => vec![ALWAYS, &[NotFound, UnknownVerification]],
+        "readyz" => vec![ALWAYS, &[ShuttingDown]],
+        _ => vec![ALWAYS],
+    }
+}
+
+/// Where to go from an answer: the operation, and where in the answer its id is.
+fn links(operation: &str) -> &'static [(&'static str, &'static str)] {
+    const MADE: &str = "$response.header.Quadmark-Watermark-Id";
+    match operation {
+        "embed" => {
+            &[("get_watermark", MADE), ("get_marked_file", MADE), ("revoke_watermark", MADE)]
+        }
+        "verify" => &[("get_verification", "$response.body#/id")],
+        _ => &[],
+    }
+}
+
+/// With which status an operation answers with a marked file.
+fn marked_file(operation: &str) -> Option<&'static str> {
+    match operation {
+        "embed" => Some("201"),
+        "get_marked_file" => Some("200"),
+        _ => None,
+    }
+}
+
+/// Headers of an answer, besides those of all answers.
+fn headers(operation: &str, status: &str) -> &'static [(&'static str, &'static str)] {
+    const FILE: (&str, &str) =
+        ("Content-Disposition", "A file name for the marked file, where it is the answer");
+    const TAG: (&str, &str) =
+        ("ETag", "The SHA-256 of the marked file, in quotes, where it is the answer");
+    match (operation, status) {
+        ("embed", "201") => &[
+            ("Quadmark-Watermark-Id", "Id of the record"),
+            (
+                "Quadmark-Existing-Marks",
+                "Ids of the marks that the host already carried, separated by commas; absent where \
+                 there are none",
+            ),
+            ("Location", "Path of the record"),
+            ("Link", "The same, as rel=\"describedby\""),
+            ("Idempotent-Replayed", "`true` where an earlier request with the same key made it"),
+            FILE,
+            TAG,
+        ],
+        ("get_marked_file", "200") => &[
+            (
+                "Quadmark-Existing-Marks",
+                "Ids of the marks that the host already carried, separated by commas; absent where \
+                 there are none",
+            ),
+            FILE,
+            TAG,
+        ],
+        ("get_marked_file", "304") => &[TAG],
+        _ => &[],
+    }
+}
+
+/// Completes what the wire types say.
+pub(super) fn complete(document: &mut OpenApi) {
+    let forms = forms(document);
+    for item in document.paths.paths.values_mut() {
+        let PathItem { get, post, delete, head, .. } = item;
+        for operation in [get, post, delete, head].into_iter().flatten() {
+            complete_operation(operation, &forms);
+        }
+    }
+}
+
+fn complete_operation(operation: &mut Operation, forms: &BTreeMap<String, Object>) {
+    let name = operation.operation_id.clone().unwrap_or_default();
+    add_raw_body(operation, forms);
+    for parameter in operation.parameters.iter_mut().flatten() {
+        if let RefOr::T(parameter) = parameter
+            && let Some(schema) = parameter.schema.as_mut()
+        {
+            without_null(schema);
+        }
+    }
+    let responses = &mut operation.responses.responses;
+    if let Some(RefOr::T(answer)) = marked_file(&name).and_then(|status| responses.get_mut(status))
+    {
+        for format in Format::ALL {
+            let file = Content::new(Some(bytes()));
+            answer.content.insert(format.media_type().to_owned(), file.into());
+        }
+    }
+    // A text that a client parses into something else than a text.
+    for (kind, content) in answers(responses) {
+        if let ("application/yaml", RefOr::T(content)) = (kind.as_str(), content) {
+            content.schema = None;
+        }
+    }
+    responses.extend(errors(&name));
+    for (status, response) in responses {
+        let RefOr::T(response) = response else { continue };
+        for (header, text) in headers(&name, status) {
+            response.headers.insert((*header).to_owned(), described(text));
+        }
+        let all = described("Names the request in the service's log");
+        response.headers.insert("X-Request-Id".to_owned(), all);
+        if status.starts_with('2') {
+            for (to, from) in links(&name) {
+                let link = Link::builder().operation_id(*to).parameter("id", *from).build();
+                response.links.insert((*to).to_owned(), link.into());
+            }
+        }
+    }
+}
+
+/// All bodies of answers, by media type.
+fn answers(
+    responses: &mut BTreeMap<String, RefOr<Response>>,
+) -> impl Iterator<Item = (&String, &mut RefOr<Content>)> {
+    responses.values_mut().flat_map(|response| {
+        match response {
+            RefOr::T(response) => Some(&mut response.content),
+            RefOr::Ref(_) => None,
+        }
+        .into_iter()
+        .flatten()
+    })
+}
+
+fn described(text: &str) -> RefOr<Header> {
+    let mut header = Header::default();
+    header.description = Some(text.to_owned());
+    header.into()
+}
+
+/// One answer per status, with what its codes mean.
+fn errors(operation: &str) -> BTreeMap<String, RefOr<Response>> {
+    let mut by_status: BTreeMap<u16, Vec<Code>> = BTreeMap::new();
+    for &code in codes(operation).into_iter().flatten() {
+        by_status.entry(code.status().as_u16()).or_default().push(code);
+    }
+    let response = |(status, codes): (u16, Vec<Code>)| {
+        let means: Vec<String> =
+            codes.iter().map(|code| format!("`{}`: {}.", code.name(), code.title())).collect();
+        let problem = Content::new(Some(Ref::from_schema_name("Problem")));
+        let mut response = ResponseBuilder::new()
+            .description(means.join(" "))
+            .content("application/problem+json", problem)
+            .build();
+        if codes.iter().any(|code| code.may_say_when()) {
+            let seconds = ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(1));
+            let mut header = Header::new(Schema::from(seconds.build()));
+            header.description = Some("Seconds after which the same request may work".to_owned());
+            response.headers.insert("Retry-After".to_owned(), header.into());
+        }
+        (status.to_string(), RefOr::T(response))
+    };
+    by_status.into_iter().map(response).collect()
+}
+
+/// The forms of uploads, by the name of their schema, with `null` taken out: a field that is not
+/// wanted is left out.
+fn forms(document: &mut OpenApi) -> BTreeMap<String, Object> {
+    let mut forms = BTreeMap::new();
+    let schemas = document.components.iter_mut().flat_map(|parts| parts.schemas.iter_mut());
+    for (name, schema) in schemas {
+        if let (true, RefOr::T(Schema::Object(form))) = (name.ends_with("Form"), schema) {
+            form.properties.values_mut().for_each(without_null);
+            forms.insert(name.clone(), form.clone());
+        }
+    }
+    forms
+}
+
+/// An upload may also be the file alone, with the fields of the form in the query.
+fn add_raw_body(operation: &mut Operation, forms: &BTreeMap<String, Object>) {
+    let Some(RefOr::T(body)) = operation.request_body.as_mut() else { return };
+    let form = body.content.values().find_map(|content| {
+        let RefOr::T(Content { schema: Some(RefOr::Ref(form)), .. }) = content else { return None };
+        forms.get(form.ref_location.rsplit('/').next()?)
+    });
+    let Some(form) = form else { return };
+    body.description = Some(
+        "A form, or the file itself with the other fields in the query; then any model/* media type \
+         will do, too. What the file is, its content says."
+            .to_owned(),
+    );
+    body.content.insert("application/octet-stream".to_owned(), Content::new(Some(bytes())).into());
+    let parameters = operation.parameters.get_or_insert_default();
+    for (name, schema) in form.properties.iter().filter(|(name, _)| *name != "file") {
+        let needed = form.required.contains(name);
+        let also = if needed { " Needed there." } else { "" };
+        let parameter = ParameterBuilder::new()
+            .name(name)
+            .parameter_in(ParameterIn::Query)
+            .required(Required::False)
+            .description(Some(format!(
+                "The form field of this name, when the body is the file itself.{also}"
+            )))
+            .schema(Some(schema.clone()));
+        parameters.push(RefOr::T(parameter.build()));
+    }
+}
+
+/// Takes `null` out of what a schema allows.
+fn without_null(schema: &mut RefOr<Schema>) {
+    match schema {
+        RefOr::T(Schema::Object(object)) => {
+            if let SchemaType::Array(types) = &object.schema_type
+                && let [kind, Type::Null] | [Type::Null, kind] = types.as_slice()
+            {
+                object.schema_type = SchemaType::Type(kind.clone());
+            }
+        }
+        RefOr::T(Schema::OneOf(either)) => {
+            let is_null = |item: &RefOr<Schema>| {
+                matches!(item, RefOr::T(Schema::Object(Object { schema_type, .. }))
+                    if *schema_type == SchemaType::Type(Type::Null))
+            };
+            either.items.retain(|item| !is_null(item));
+            if let [only] = either.items.as_slice() {
+                *schema = only.clone();
+            }
+        }
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::Value;
+
+    use super::super::document::document;
+    use super::*;
+
+    /// Of what is asked with a method that its path does not have: of no operation.
+    const NOWHERE: &[Code] = &[Code::MethodNotAllowed];
+
+    fn json() -> Value {
+        serde_json::to_value(document()).unwrap()
+    }
+
+    fn operations(document: &Value) -> Vec<&Value> {
+        let paths = document["paths"].as_object().unwrap().values();
+        paths.flat_map(|item| item.as_object().unwrap().values()).collect()
+    }
+
+    /// A code that is in none of the tables is documented nowhere: add it to those of the operations
+    /// that answer with it.
+    #[test]
+    fn every_code_is_of_some_operation() {
+        let document = json();
+        let text: String = operations(&document).iter().map(ToString::to_string).collect();
+        for code in Code::ALL.iter().filter(|code| !NOWHERE.contains(code)) {
+            assert!(text.contains(&format!("`{}`", code.name())), "{}", code.name());
+        }
+        let names = &document["components"]["schemas"]["Code"]["enum"];
+        assert_eq!(names.as_array().unwrap().len(), Code::ALL.len());
+    }
+
+    #[test]
+    fn bytes_are_binary_and_uploads_come_in_two_forms() {
+        let document = json();
+        assert!(!document.to_string().contains("int32\",\"minimum\":0},\"type\":\"array\""));
+        for operation in operations(&document) {
+            for response in operation["responses"].as_object().unwrap().values() {
+                for (kind, content) in response["content"].as_object().into_iter().flatten() {
+                    let binary = content["schema"]["format"] == "binary";
+                    assert_eq!(binary, kind.starts_with("model/"), "{kind}: {content}");
+                }
+            }
+            let body = &operation["requestBody"]["content"];
+            let Some(form) = body["multipart/form-data"]["schema"]["$ref"].as_str() else {
+                continue;
+            };
+            assert_eq!(body["application/octet-stream"]["schema"]["format"], "binary");
+            let form = &document["components"]["schemas"][form.rsplit('/').next().unwrap()];
+            for (name, field) in form["properties"].as_object().unwrap() {
+                assert!(!field.to_string().contains("null"), "{name}: {field}");
+                let asked = operation["parameters"].as_array().unwrap();
+                let asked =
+                    asked.iter().filter(|p| p["in"] == "query" && p["name"] == name.as_str());
+                assert_eq!(asked.count(), usize::from(name != "file"), "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn links_lead_to_operations_that_are_there() {
+        let document = json();
+        let all = operations(&document);
+        let ids: Vec<&Value> = all.iter().map(|operation| &operation["operationId"]).collect();
+        let mut found = 0;
+        for operation in &all {
+            for response in operation["responses"].as_object().unwrap().values() {
+                for link in response["links"].as_object().into_iter().flat_map(|l| l.values()) {
+                    assert!(ids.contains(&&link["operationId"]), "{link}");
+                    found += 1;
+                }
+            }
+        }
+        assert_eq!(found, 4);
+    }
+}

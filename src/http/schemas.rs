@@ -1,0 +1,61 @@
+//! Schemas that no wire type says by itself: bytes, hashes, and the names that a text may be.
+
+use std::borrow::Cow;
+
+use utoipa::openapi::schema::{KnownFormat, ObjectBuilder, SchemaFormat, Type};
+use utoipa::openapi::{RefOr, Schema};
+use utoipa::{PartialSchema, ToSchema};
+
+use super::code::Code;
+use crate::formats::Format;
+use crate::registry::Order;
+use crate::service::OnExisting;
+use crate::watermark::Method;
+
+/// A file's bytes. `format: binary` is what generators of clients take for bytes, also of 3.1
+/// documents; a bare `contentMediaType` becomes a text in most.
+pub(super) fn bytes() -> Schema {
+    let format = SchemaFormat::KnownFormat(KnownFormat::Binary);
+    ObjectBuilder::new().schema_type(Type::String).format(Some(format)).build().into()
+}
+
+/// A text that is one of these names.
+fn names(description: &str, names: impl Iterator<Item = &'static str>) -> RefOr<Schema> {
+    let schema = ObjectBuilder::new()
+        .schema_type(Type::String)
+        .description(Some(description))
+        .enum_values(Some(names));
+    RefOr::T(schema.build().into())
+}
+
+macro_rules! names {
+    ($($type:ident, $name:literal, $description:literal, $all:expr;)*) => {$(
+        #[doc = $description]
+        pub(super) struct $type;
+
+        impl PartialSchema for $type {
+            fn schema() -> RefOr<Schema> {
+                names($description, $all)
+            }
+        }
+
+        impl ToSchema for $type {
+            fn name() -> Cow<'static, str> {
+                Cow::Borrowed($name)
+            }
+        }
+    )*};
+}
+
+names! {
+    MethodName, "Method", "How a mark is embedded: which statistic of a bin is moved, and where on \
+        its sphere a vertex goes.", Method::ALL.into_iter().map(Method::name);
+    FormatName, "Format", "A file format.", Format::ALL.into_iter().map(Format::extension);
+    OnExistingName, "OnExisting", "What to do when the file already carries a registered mark: \
+        refuse it, mark it and name the marks found, or mark it and say nothing.",
+        OnExisting::ALL.into_iter().map(OnExisting::name);
+    OrderName, "Order", "Which comes first: the last or the first registered.",
+        Order::ALL.into_iter().map(Order::name);
+    CodeName, "Code", "What went wrong. Codes are never renamed; later releases may have more.",
+        Code::ALL.iter().map(|code| code.name());
+}
