@@ -9,7 +9,7 @@ mod within;
 
 use serde::{Serialize, Serializer};
 
-use crate::formats::{Agreement, Asset, Format, FormatError, Limits, agrees};
+use crate::formats::{Agreement, Asset, Format, FormatError, Limits, Written, agrees};
 use crate::mesh::Mesh;
 use crate::mesh::quality::{Quality, quality};
 use crate::mesh::surface::Surface;
@@ -103,6 +103,8 @@ pub struct MarkReport {
     pub method_used: Method,
     /// What the mark does to the surface, as written.
     pub quality: Quality,
+    /// Coordinates that are written with more decimals than in the host, because the mark needs them.
+    pub more_decimals: u64,
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
@@ -149,7 +151,15 @@ struct Made {
     embedding: Embedding,
     quality: Quality,
     strength: Strength,
+    /// The step of coordinates that it was rounded with.
+    step: f64,
 }
+
+/// How coarse the steps of written coordinates may be, as a share of how far a mark moves the
+/// statistic of a bin (its strength times the bin's width). Moves of less than half a step are lost to
+/// rounding, and the closed loop makes up for them elsewhere. `benches/decimals.rs` shows what coarser
+/// and finer steps cost.
+const STEP: f64 = 0.02;
 
 /// Marks a file by the embedding that `choose` settles for, given a way to make one.
 fn mark_by(
@@ -164,17 +174,32 @@ fn mark_by(
     let codeword = Codeword::new(key, message);
     let (bytes, made, carriers) = {
         let surface = Surface::new(asset.mesh());
-        let round = |positions: &mut [glam::DVec3]| asset.round(positions);
-        let seen =
-            Host { mesh: asset.mesh(), surface: &surface, pinned: asset.pinned(), round: &round };
-        let made = choose(&|strength| {
+        let with_step = |strength, step| {
+            let round = |positions: &mut [glam::DVec3]| asset.with_step(step).round(positions);
+            let (mesh, surface, pinned) = (asset.mesh(), &surface, asset.pinned());
+            let seen = Host { mesh, surface, pinned, round: &round };
             let embedding = embed(seen, &codeword, &EmbedParams { strength, ..params }, stop)?;
-            let quality = quality_of(&surface, &embedding.positions)?;
-            Ok(Made { embedding, quality, strength })
+            let quality = quality_of(surface, &embedding.positions)?;
+            Ok(Made { embedding, quality, strength, step })
+        };
+        let width = bin_width(&surface, params.bits);
+        let made = choose(&|strength| {
+            let step = STEP * strength.get() * width;
+            match with_step(strength, step) {
+                // Nothing is refused for the sake of decimals.
+                Err(MarkError::Watermark(WatermarkError::InsufficientCapacity { .. }))
+                    if asset.is_coarse(step) =>
+                {
+                    with_step(strength, 0.0)
+                }
+                made => made,
+            }
         })?;
-        (asset.write(host, &made.embedding.positions)?, made, surface.positions.len())
+        let written = asset.with_step(made.step).write(host, &made.embedding.positions)?;
+        (written, made, surface.positions.len())
     };
-    let Made { embedding, quality, strength } = made;
+    let Written { bytes, more_decimals } = bytes;
+    let Made { embedding, quality, strength, .. } = made;
     cancelled()?;
     let format = asset.format();
     if params.closed_loop {
@@ -197,9 +222,16 @@ fn mark_by(
         strength,
         method_used: embedding.method,
         quality,
+        more_decimals,
     };
     let host_frame = embedding.host_frame;
     Ok(Marked { bytes, format, host: asset.into_mesh(), host_frame, report })
+}
+
+/// Width of a bin in the host's own frame.
+fn bin_width(surface: &Surface, bits: BitCount) -> f64 {
+    let norms = crate::watermark::bins::norms(&surface.positions, surface.centre());
+    Frame::spanning(surface.centre(), &norms).radial_extent() / bits.get() as f64
 }
 
 /// Measures positions of file vertices, as they will be written, against the host.

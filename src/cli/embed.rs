@@ -81,7 +81,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     if !arguments.json {
         eprintln!(
             "marked {} with message {} ({} of {} bins, {} rounds, smallest margin {:.4}, mrms \
-             {:.2e} of the diagonal)",
+             {:.2e} of the diagonal, {} coordinates with more decimals)",
             arguments.output.display(),
             message.to_hex(),
             marked.report.usable_bins,
@@ -89,6 +89,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
             marked.report.rounds,
             marked.report.smallest_margin,
             marked.report.quality.mrms,
+            marked.report.more_decimals,
         );
     } else if arguments.output == Path::new("-") {
         eprintln!("{report}");

@@ -238,14 +238,63 @@ impl Asset {
         }
     }
 
-    /// Replaces every position by what it would read back as after [`Asset::write`]: rounded to
+    /// This asset, written with steps of `step` (in the file's unit) where its own number format is
+    /// text and would give coarser ones. 0 is as fine as can be of any use; what the file says more
+    /// finely stays so.
+    #[must_use]
+    pub fn with_step(&self, step: f64) -> Stepped<'_> {
+        Stepped { asset: self, step }
+    }
+
+    /// Whether steps of `step` are coarser than the finest that can be of use.
+    #[must_use]
+    pub fn is_coarse(&self, step: f64) -> bool {
+        match &self.layout {
+            Layout::Obj(layout) => layout.is_coarse(step),
+            Layout::Gltf(_) => false,
+        }
+    }
+
+    /// [`Stepped::round`] with the finest steps.
+    pub fn round(&self, positions: &mut [DVec3]) {
+        self.with_step(0.0).round(positions);
+    }
+
+    /// [`Stepped::write`] with the finest steps.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn write(&self, host: &[u8], positions: &[DVec3]) -> Result<Vec<u8>, FormatError> {
+        Ok(self.with_step(0.0).write(host, positions)?.bytes)
+    }
+}
+
+/// A written file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+    /// Coordinates that have more decimals than in the host, because their steps would be too coarse.
+    pub more_decimals: u64,
+}
+
+/// An asset and how finely its moved coordinates are written.
+#[derive(Debug, Clone, Copy)]
+pub struct Stepped<'a> {
+    asset: &'a Asset,
+    step: f64,
+}
+
+impl Stepped<'_> {
+    /// Replaces every position by what it would read back as after [`Stepped::write`]: rounded to
     /// the file's number format. Positions bit-equal to the host's stay as they are.
     ///
     /// `positions` has one entry per vertex of [`Asset::mesh`].
     pub fn round(&self, positions: &mut [DVec3]) {
-        match &self.layout {
-            Layout::Obj(layout) => layout.round(&self.mesh, positions),
-            Layout::Gltf(layout) => layout.round(&self.mesh, positions),
+        let Asset { mesh, layout, .. } = self.asset;
+        match layout {
+            Layout::Obj(layout) => layout.with_step(self.step).round(mesh, positions),
+            Layout::Gltf(layout) => layout.round(mesh, positions),
         }
     }
 
@@ -255,10 +304,13 @@ impl Asset {
     /// # Errors
     /// [`FormatError::ReadBack`] when `host` or `positions` do not belong to this asset, or a
     /// position cannot be represented in the file.
-    pub fn write(&self, host: &[u8], positions: &[DVec3]) -> Result<Vec<u8>, FormatError> {
-        match &self.layout {
-            Layout::Obj(layout) => layout.write(host, &self.mesh, positions),
-            Layout::Gltf(layout) => layout.write(host, &self.mesh, positions),
+    pub fn write(&self, host: &[u8], positions: &[DVec3]) -> Result<Written, FormatError> {
+        let Asset { mesh, layout, .. } = self.asset;
+        match layout {
+            Layout::Obj(layout) => layout.with_step(self.step).write(host, mesh, positions),
+            Layout::Gltf(layout) => {
+                Ok(Written { bytes: layout.write(host, mesh, positions)?, more_decimals: 0 })
+            }
         }
     }
 }

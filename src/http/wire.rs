@@ -106,6 +106,10 @@ pub(super) struct QualityBody {
     /// `exact-` one did not settle.
     #[schema(value_type = MethodName)]
     method_used: String,
+    /// Coordinates of an OBJ that are written with more decimals than in the host, because the mark
+    /// needs them: the others have as many as there, or fewer. Null in records of before they were
+    /// counted.
+    more_decimals: Option<u64>,
 }
 
 /// A registered mark that a host already carried.
@@ -138,6 +142,7 @@ impl From<Quality> for QualityBody {
             normal_deviation_degrees: quality.normal_deviation_degrees,
             flipped: quality.flipped,
             method_used: quality.method_used,
+            more_decimals: quality.more_decimals,
         }
     }
 }

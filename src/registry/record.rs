@@ -134,6 +134,10 @@ pub struct Quality {
     pub flipped: u64,
     /// The method that chose the positions, where the one asked for did not settle.
     pub method_used: String,
+    /// Coordinates that are written with more decimals than in the host, because the mark needs them;
+    /// none in records of before they were counted.
+    #[serde(default)]
+    pub more_decimals: Option<u64>,
 }
 
 /// A mark that a host carried before it was marked.

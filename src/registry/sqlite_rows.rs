@@ -200,6 +200,7 @@ pub(crate) fn sample_record() -> Record {
             normal_deviation_degrees: 0.25,
             flipped: 1 << 40,
             method_used: "qsp-mean".to_owned(),
+            more_decimals: Some(7),
         }),
         existing_marks: Some(vec![super::ExistingMark {
             watermark_id: uuid::Uuid::nil(),

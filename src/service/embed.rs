@@ -333,6 +333,7 @@ fn quality_of(report: &MarkReport) -> Quality {
         normal_deviation_degrees: measured.normal_deviation_degrees,
         flipped: measured.flipped as u64,
         method_used: report.method_used.to_string(),
+        more_decimals: Some(report.more_decimals),
     }
 }
 

@@ -17,8 +17,8 @@ pub(super) struct Chunk {
     pub(super) triangles: Vec<[Corner; 3]>,
     pub(super) vertex_count: usize,
     pub(super) triangle_count: usize,
-    /// The most decimals of any coordinate.
-    pub(super) decimals: usize,
+    /// The fewest decimals of any coordinate; none without one.
+    pub(super) fewest_decimals: Option<usize>,
 }
 
 /// What may be kept of one chunk.
@@ -59,7 +59,8 @@ impl Chunk {
             }
             *slot = read.value;
             first.get_or_insert(read.start);
-            self.decimals = self.decimals.max(read.decimals);
+            let fewest = self.fewest_decimals.get_or_insert(read.decimals);
+            *fewest = read.decimals.min(*fewest);
         }
         if self.positions.len() < caps.vertices {
             // A file that 32 bits cannot address is refused before it is cut into chunks.

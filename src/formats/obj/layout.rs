@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::FormatError;
+use super::super::{FormatError, Written};
 use super::cursor::Cursor;
 use super::number::coordinate;
 use super::precision::Precision;
@@ -20,16 +20,48 @@ const USUAL_GROWTH: usize = 12;
 pub(in crate::formats) struct Layout {
     /// Byte offset of each vertex's first coordinate.
     offsets: Vec<u32>,
-    precision: Precision,
+    /// The fewest decimals of any coordinate.
+    fewest_decimals: usize,
+    diagonal: f64,
     host_bytes: usize,
 }
 
+/// The coordinates of one file with steps of one size.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::formats) struct Stepped<'a> {
+    layout: &'a Layout,
+    precision: Precision,
+}
+
 impl Layout {
-    /// `decimals` is the most that any coordinate of the host has.
-    pub(super) fn new(mesh: &Mesh, offsets: Vec<u32>, decimals: usize, host_bytes: usize) -> Self {
-        Self { offsets, precision: Precision::choose(decimals, diagonal(mesh)), host_bytes }
+    /// `fewest_decimals` is what every coordinate of the host has.
+    pub(super) fn new(
+        mesh: &Mesh,
+        offsets: Vec<u32>,
+        fewest_decimals: Option<usize>,
+        host_bytes: usize,
+    ) -> Self {
+        let fewest_decimals = fewest_decimals.unwrap_or(0);
+        Self { offsets, fewest_decimals, diagonal: diagonal(mesh), host_bytes }
     }
 
+    /// With steps of `step` where the host's decimals give coarser ones. 0 is as fine as may be of use.
+    pub(in crate::formats) fn with_step(&self, step: f64) -> Stepped<'_> {
+        let precision = Precision::choose(self.fewest_decimals, step, self.diagonal);
+        Stepped { layout: self, precision }
+    }
+
+    /// Whether steps of `step` are coarser than the finest that can be of use.
+    pub(in crate::formats) fn is_coarse(&self, step: f64) -> bool {
+        self.with_step(step).precision != self.with_step(0.0).precision
+    }
+
+    fn offset(&self, vertex: usize) -> Option<usize> {
+        self.offsets.get(vertex).and_then(|&offset| usize::try_from(offset).ok())
+    }
+}
+
+impl Stepped<'_> {
     /// Replaces every coordinate that is not the host's by what its text will read back as.
     pub(in crate::formats) fn round(&self, host: &Mesh, positions: &mut [DVec3]) {
         positions.par_chunks_mut(BLOCK).zip(host.positions().par_chunks(BLOCK)).for_each(
@@ -44,10 +76,11 @@ impl Layout {
     }
 
     fn round_coordinate(&self, host: f64, moved: f64) -> f64 {
-        if host.to_bits() == moved.to_bits() { host } else { self.precision.round(moved) }
+        if host.to_bits() == moved.to_bits() { host } else { self.precision.of(host).round(moved) }
     }
 
-    /// The host's bytes with the coordinates that differ from the host's replaced.
+    /// The host's bytes with the coordinates that differ from the host's replaced, and how many of them
+    /// have more decimals than in the host.
     ///
     /// # Errors
     /// [`FormatError::ReadBack`] when `bytes` or `positions` do not belong to this layout, or a
@@ -57,9 +90,9 @@ impl Layout {
         bytes: &[u8],
         host: &Mesh,
         positions: &[DVec3],
-    ) -> Result<Vec<u8>, FormatError> {
-        let vertices = self.offsets.len();
-        if bytes.len() != self.host_bytes || host.positions().len() != vertices {
+    ) -> Result<Written, FormatError> {
+        let vertices = self.layout.offsets.len();
+        if bytes.len() != self.layout.host_bytes || host.positions().len() != vertices {
             return Err(foreign_host());
         }
         if positions.len() != vertices {
@@ -70,13 +103,14 @@ impl Layout {
         let pieces = (0..blocks)
             .into_par_iter()
             .map(|block| self.write_block(bytes, host.positions(), positions, block))
-            .collect::<Vec<Result<Vec<u8>, FormatError>>>();
-        let pieces = pieces.into_iter().collect::<Result<Vec<Vec<u8>>, FormatError>>()?;
-        let mut out = Vec::with_capacity(pieces.iter().map(Vec::len).sum());
+            .collect::<Vec<Result<Written, FormatError>>>();
+        let pieces = pieces.into_iter().collect::<Result<Vec<Written>, FormatError>>()?;
+        let mut out = Vec::with_capacity(pieces.iter().map(|piece| piece.bytes.len()).sum());
+        let more_decimals = pieces.iter().map(|piece| piece.more_decimals).sum();
         for piece in pieces {
-            out.extend(piece);
+            out.extend(piece.bytes);
         }
-        Ok(out)
+        Ok(Written { bytes: out, more_decimals })
     }
 
     /// The bytes from the first coordinate of a block's first vertex to that of the next block's;
@@ -87,16 +121,17 @@ impl Layout {
         hosts: &[DVec3],
         positions: &[DVec3],
         block: usize,
-    ) -> Result<Vec<u8>, FormatError> {
+    ) -> Result<Written, FormatError> {
         let first = block * BLOCK;
         let last = (first + BLOCK).min(positions.len());
-        let mut copied = if block == 0 { 0 } else { self.offset(first).unwrap_or(0) };
-        let end = self.offset(last).unwrap_or(bytes.len());
+        let mut copied = if block == 0 { 0 } else { self.layout.offset(first).unwrap_or(0) };
+        let end = self.layout.offset(last).unwrap_or(bytes.len());
         let room = end.saturating_sub(copied) + 3 * USUAL_GROWTH * (last - first);
         let mut out = Vec::with_capacity(room);
+        let mut more_decimals = 0;
         for vertex in first..last {
             let (Some(host), Some(moved), Some(offset)) =
-                (hosts.get(vertex), positions.get(vertex), self.offset(vertex))
+                (hosts.get(vertex), positions.get(vertex), self.layout.offset(vertex))
             else {
                 return Err(foreign_host());
             };
@@ -118,17 +153,21 @@ impl Layout {
                     continue;
                 }
                 out.extend_from_slice(bytes.get(copied..token.start).ok_or_else(foreign_host)?);
-                self.precision.spell(moved[axis], &mut out);
+                let start = out.len();
+                self.precision.of(host[axis]).spell(moved[axis], &mut out);
+                let spelled = out.get(start..).unwrap_or_default();
+                more_decimals += u64::from(decimals(spelled) > token.decimals);
                 copied = cursor.offset();
             }
         }
         out.extend_from_slice(bytes.get(copied..end).ok_or_else(foreign_host)?);
-        Ok(out)
+        Ok(Written { bytes: out, more_decimals })
     }
+}
 
-    fn offset(&self, vertex: usize) -> Option<usize> {
-        self.offsets.get(vertex).and_then(|&offset| usize::try_from(offset).ok())
-    }
+/// Digits behind the point of a text in fixed point.
+fn decimals(text: &[u8]) -> usize {
+    text.iter().position(|&byte| byte == b'.').map_or(0, |point| text.len() - point - 1)
 }
 
 fn bits(position: DVec3) -> [u64; 3] {

@@ -46,6 +46,6 @@ fn read_in_chunks(
 ) -> Result<(Mesh, Layout), FormatError> {
     let parsed = parse::parse(bytes, limits, chunk_bytes)?;
     let mesh = Mesh::new(parsed.positions, parsed.triangles)?;
-    let layout = Layout::new(&mesh, parsed.offsets, parsed.decimals, bytes.len());
+    let layout = Layout::new(&mesh, parsed.offsets, parsed.fewest_decimals, bytes.len());
     Ok((mesh, layout))
 }

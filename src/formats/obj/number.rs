@@ -3,9 +3,6 @@
 use super::cursor::{Cursor, ends_token};
 use super::precision::POWERS_OF_TEN;
 
-/// More decimals than this say nothing about a double near 1, so they are not imitated.
-pub(super) const MOST_DECIMALS: usize = 15;
-
 /// Integers up to here are doubles, all of them.
 const EXACT: u64 = 1 << 53;
 
@@ -14,7 +11,7 @@ const EXACT: u64 = 1 << 53;
 pub(super) struct Coordinate {
     /// The nearest double. May be infinite or NaN.
     pub(super) value: f64,
-    /// Digits behind the point, less the exponent; at most [`MOST_DECIMALS`].
+    /// Digits behind the point, less the exponent: what a fixed-point spelling of it needs.
     pub(super) decimals: usize,
     /// Where the token starts. It ends at the cursor.
     pub(super) start: usize,
@@ -87,7 +84,7 @@ fn plain(text: &[u8], start: usize) -> Option<(f64, usize, usize)> {
         return None;
     }
     let value = digits as f64 / POWERS_OF_TEN.get(decimals)?;
-    Some((if negative { -value } else { value }, decimals.min(MOST_DECIMALS), at))
+    Some((if negative { -value } else { value }, decimals, at))
 }
 
 /// Old Microsoft runtimes print NaN as `-1.#IND`. The comment sign must not turn it into -1.
@@ -110,7 +107,7 @@ fn decimals(token: &[u8]) -> usize {
         .and_then(|digits| digits.parse::<i64>().ok())
         .unwrap_or(0);
     let needed = i64::try_from(behind_point).unwrap_or(i64::MAX).saturating_sub(exponent);
-    usize::try_from(needed).unwrap_or(0).min(MOST_DECIMALS)
+    usize::try_from(needed).unwrap_or(0)
 }
 
 #[cfg(test)]
@@ -137,8 +134,8 @@ mod tests {
             ("1.25E+1", 12.5, 1),
             ("1.e2", 100.0, 0),
             ("+.5e1", 5.0, 0),
-            ("1e-300", 1e-300, MOST_DECIMALS),
-            ("0.1234567890123456789012345", 0.123_456_789_012_345_68, MOST_DECIMALS),
+            ("1e-300", 1e-300, 300),
+            ("0.1234567890123456789012345", 0.123_456_789_012_345_68, 25),
             ("9007199254740993", 9_007_199_254_740_992.0, 0),
             ("123456789012345678901234567890", 1.234_567_890_123_456_8e29, 0),
         ];

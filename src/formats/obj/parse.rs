@@ -21,7 +21,8 @@ pub(super) struct Parsed {
     pub(super) positions: Vec<DVec3>,
     pub(super) triangles: Vec<[u32; 3]>,
     pub(super) offsets: Vec<u32>,
-    pub(super) decimals: usize,
+    /// The fewest decimals of any coordinate; none without one.
+    pub(super) fewest_decimals: Option<usize>,
 }
 
 /// Parses a file in chunks of about `chunk_bytes`.
@@ -103,7 +104,7 @@ fn join(
         positions: Vec::with_capacity(vertices),
         triangles: Vec::with_capacity(triangles),
         offsets: Vec::with_capacity(vertices),
-        decimals: 0,
+        fewest_decimals: chunks.iter().filter_map(|chunk| chunk.fewest_decimals).min(),
     };
     for (chunk, &(start, text)) in chunks.into_iter().zip(stretches) {
         let resolve = |corner: Corner| corner.resolve(before, total);
@@ -117,7 +118,6 @@ fn join(
             parsed.triangles.push([a, b, c]);
         }
         before += u32::try_from(chunk.vertex_count).unwrap_or(0);
-        parsed.decimals = parsed.decimals.max(chunk.decimals);
         parsed.positions.extend(chunk.positions);
         parsed.offsets.extend(chunk.offsets);
     }

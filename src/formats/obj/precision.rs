@@ -1,8 +1,10 @@
 //! How a moved coordinate is rounded and spelled.
 //!
-//! A marked file should look as if its exporter had written it: as many decimals as the host has,
-//! and no fewer than the mark needs. Numerically and as text the rule is the same, so that what
-//! was checked before writing is what will be read.
+//! A marked file should look as if its exporter had written it: each coordinate with as many decimals
+//! as it has in the host, and with more only where the mark needs them. How many it has is told from
+//! its value, so that copies of one vertex stay together however they are spelled: as many as say the
+//! value exactly, and no fewer than every coordinate of the file has. Numerically and as text the rule
+//! is the same, so that what was checked before writing is what will be read.
 
 use std::io::Write as _;
 
@@ -13,8 +15,11 @@ pub(super) const POWERS_OF_TEN: [f64; 23] = [
 ];
 
 /// A step of this part of the bounding-box diagonal is far below what a mark moves (about 1e-4)
-/// and what an eye sees.
+/// and what an eye sees: nothing needs a finer one.
 const FINEST_STEP: f64 = 1e-7;
+
+/// More decimals than this say nothing about a double near 1, so they are not imitated.
+const MOST_DECIMALS: usize = 15;
 
 /// Below this many steps, rounding twice is rounding once: dividing and multiplying again is off
 /// by less than `steps * 2^-52`, a quarter of a step here. (Up to 2^53 the text would still be
@@ -25,24 +30,47 @@ const MOST_STEPS: f64 = (1_u64 << 50) as f64;
 /// 16 digits.)
 const LONGEST: usize = 24;
 
-/// The number of decimals of moved coordinates.
+/// The fewest decimals of moved coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Precision {
-    decimals: usize,
+    fewest: usize,
 }
 
 impl Precision {
-    /// As many decimals as the host's coordinates have, and enough for a mesh of this bounding-box
-    /// diagonal.
-    pub(super) fn choose(host_decimals: usize, diagonal: f64) -> Self {
-        let finest = FINEST_STEP * diagonal;
-        let needed = POWERS_OF_TEN.iter().position(|power| 1.0 / power <= finest);
+    /// As many decimals as every coordinate of the host has (`fewest_of_host`), and enough for steps
+    /// of `step` on a mesh of this bounding-box diagonal.
+    pub(super) fn choose(fewest_of_host: usize, step: f64, diagonal: f64) -> Self {
+        let step = step.max(FINEST_STEP * diagonal);
+        let needed = POWERS_OF_TEN.iter().position(|power| 1.0 / power <= step);
         // A point has no diagonal; a mesh of 1e-20 has one, but no fixed-point spelling.
         let beyond = if diagonal > 0.0 { POWERS_OF_TEN.len() } else { 0 };
-        Self { decimals: host_decimals.max(needed.unwrap_or(beyond)) }
+        Self { fewest: fewest_of_host.min(MOST_DECIMALS).max(needed.unwrap_or(beyond)) }
     }
 
-    /// The value that [`Precision::spell`] reads back as.
+    /// How a coordinate that is `host` in the host is spelled when it moves.
+    pub(super) fn of(self, host: f64) -> Spelling {
+        let mut spelling = Spelling { decimals: self.fewest };
+        for decimals in self.fewest..=MOST_DECIMALS {
+            let longer = Spelling { decimals };
+            // Beyond the reach of fixed point the last that is within it must do.
+            let Some((steps, power)) = longer.steps(host) else { break };
+            spelling = longer;
+            if steps as f64 / power == host {
+                break;
+            }
+        }
+        spelling
+    }
+}
+
+/// A number of decimals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Spelling {
+    decimals: usize,
+}
+
+impl Spelling {
+    /// The value that [`Spelling::spell`] reads back as.
     pub(super) fn round(self, x: f64) -> f64 {
         match self.steps(x) {
             // Two exact doubles: their quotient is the double nearest to the decimal fraction,
@@ -109,7 +137,7 @@ mod tests {
 
     fn spell(decimals: usize, x: f64) -> String {
         let mut text = Vec::new();
-        Precision { decimals }.spell(x, &mut text);
+        Spelling { decimals }.spell(x, &mut text);
         String::from_utf8(text).unwrap()
     }
 
@@ -139,22 +167,51 @@ mod tests {
     }
 
     #[test]
-    fn decimals_follow_the_host_and_the_size_of_the_mesh() {
+    fn decimals_follow_the_mark_and_the_size_of_the_mesh() {
         let table = [
-            (6, 0.25, 8),
-            (6, 1.0, 7),
-            (6, 10.0, 6),
-            (9, 10.0, 9),
-            (2, 1e7, 2),
-            (0, 1e7, 0),
-            (0, 1e300, 0),
-            (0, f64::INFINITY, 0),
-            (3, 0.0, 3),
-            (3, 1e-15, 22),
-            (3, 1e-30, 23),
+            // What every coordinate has, the step, the diagonal.
+            (6, 0.0, 0.25, 8),
+            (6, 0.0, 1.0, 7),
+            (6, 0.0, 10.0, 6),
+            (6, 2e-6, 1.0, 6),
+            (6, 1e-6, 1.0, 6),
+            (6, 9e-7, 1.0, 7),
+            (0, 2e-6, 1.0, 6),
+            (6, 1e-3, 1.0, 6),
+            (9, 0.0, 10.0, 9),
+            (20, 0.0, 10.0, MOST_DECIMALS),
+            (2, 0.0, 1e7, 2),
+            (0, 0.0, 1e7, 0),
+            (0, 0.0, 1e300, 0),
+            (0, 0.0, f64::INFINITY, 0),
+            (3, 0.0, 0.0, 3),
+            (3, 0.0, 1e-15, 22),
+            (3, 0.0, 1e-30, 23),
         ];
-        for (host, diagonal, decimals) in table {
-            assert_eq!(Precision::choose(host, diagonal), Precision { decimals }, "{diagonal}");
+        for (of_host, step, diagonal, fewest) in table {
+            let chosen = Precision::choose(of_host, step, diagonal);
+            assert_eq!(chosen, Precision { fewest }, "{of_host} {step} {diagonal}");
+        }
+    }
+
+    #[test]
+    fn a_coordinate_keeps_its_decimals() {
+        let table = [
+            (4, 0.5, 4),
+            (4, 0.123_456, 6),
+            (4, -0.123_456_78, 8),
+            (4, 1234.123_456, 6),
+            (6, 0.1, 6),
+            (0, 7.0, 0),
+            (0, -0.0, 0),
+            // More than is imitated, more than fixed point reaches, more than either.
+            (4, 0.123_456_789_012_345_67, MOST_DECIMALS),
+            (4, 12_345.678_901_234_567, 10),
+            (4, 1.0e15, 4),
+            (22, 1e-20, 22),
+        ];
+        for (fewest, host, decimals) in table {
+            assert_eq!(Precision { fewest }.of(host), Spelling { decimals }, "{fewest} {host}");
         }
     }
 
@@ -173,7 +230,7 @@ mod tests {
 
         #[test]
         fn text_reads_back_as_the_rounded_value(x in any_finite(), decimals in 0..24_usize) {
-            let precision = Precision { decimals };
+            let precision = Spelling { decimals };
             let rounded = precision.round(x);
             let text = spell(decimals, x);
             prop_assert_eq!(text.parse::<f64>().unwrap().to_bits(), rounded.to_bits());
@@ -189,9 +246,21 @@ mod tests {
             }
         }
 
+        /// A coordinate that was written with so many decimals gets no more, unless the mark needs them.
+        #[test]
+        fn no_more_decimals_than_the_host_s(
+            digits in -999_999_999_999_i64..999_999_999_999,
+            decimals in 0..15_usize,
+            fewest in 0..15_usize,
+        ) {
+            let host = digits as f64 / POWERS_OF_TEN[decimals];
+            let spelling = Precision { fewest }.of(host);
+            prop_assert!(spelling.decimals <= decimals.max(fewest));
+        }
+
         #[test]
         fn rounding_twice_is_rounding_once(x in any_finite(), decimals in 0..24_usize) {
-            let precision = Precision { decimals };
+            let precision = Spelling { decimals };
             let once = precision.round(x);
             prop_assert_eq!(precision.round(once).to_bits(), once.to_bits());
         }

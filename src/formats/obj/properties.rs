@@ -35,7 +35,10 @@ fn number() -> impl Strategy<Value = String> {
         "-?\\.[0-9]{1,3}",
         "-?[0-9]{1,2}\\.",
         "-?[0-9]\\.[0-9]{1,9}e[+-]?[0-9]",
-        Just("-0.0".to_owned()),
+        "-?[0-9]e-[0-9]{1,2}",
+        "-?[0-9]{1,5}\\.[0-9]{12,17}",
+        "[0-9]\\.[0-9]{1,3}0{1,5}",
+        select(&["-0.0", "-0", "0", "0.000000"][..]).prop_map(str::to_owned),
     ]
 }
 
@@ -120,10 +123,10 @@ fn bits(positions: &[DVec3]) -> Vec<[u64; 3]> {
     positions.iter().map(|position| position.to_array().map(f64::to_bits)).collect()
 }
 
-/// The text with the first three words of each `v` line blanked out, by a reader that has nothing
+/// The text with the first three words of each `v` line blanked out, and those words, by a reader that has nothing
 /// in common with the one under test: continuations are found by string replacement.
-fn without_coordinates(text: &str) -> String {
-    let mut out = String::new();
+fn taken_apart(text: &str) -> (String, Vec<String>) {
+    let (mut out, mut coordinates) = (String::new(), Vec::new());
     let mut rest = text.trim_start_matches('\u{feff}');
     out += &text[..text.len() - rest.len()];
     while !rest.is_empty() {
@@ -157,11 +160,20 @@ fn without_coordinates(text: &str) -> String {
             let at = word.as_ptr() as usize - blanked.as_ptr() as usize;
             out += &line[copied..at];
             out.push('?');
+            coordinates.push(word.to_owned());
             copied = at + word.len();
         }
         out += &line[copied..];
     }
-    out
+    (out, coordinates)
+}
+
+/// Digits behind the point, less the exponent.
+fn decimals(word: &str) -> usize {
+    let (mantissa, exponent) = word.split_once(['e', 'E']).unwrap_or((word, "0"));
+    let digits = mantissa.split_once('.').map_or(0, |(_, digits)| digits.len());
+    let exponent: i64 = exponent.parse().unwrap();
+    usize::try_from(i64::try_from(digits).unwrap() - exponent).unwrap_or(0)
 }
 
 proptest! {
@@ -184,10 +196,60 @@ proptest! {
         prop_assert_eq!(&again.write(&written, &rounded).unwrap(), &written);
 
         let written = String::from_utf8(written).unwrap();
-        prop_assert_eq!(without_coordinates(&written), without_coordinates(&text));
+        prop_assert_eq!(taken_apart(&written).0, taken_apart(&text).0);
         if bits(&rounded) == bits(host) {
             prop_assert_eq!(written, text);
         }
+    }
+
+    #[test]
+    fn coordinates_keep_their_decimals_where_steps_allow(
+        text in text(),
+        moves in moves(),
+        digits in 0..12_usize,
+    ) {
+        let asset = Asset::read(text.as_bytes(), &Limits::default()).unwrap();
+        let step = [1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 0.0][digits];
+        let stepped = asset.with_step(step);
+        let mut rounded = moved(&asset, &moves);
+        let written = stepped.write(text.as_bytes(), &rounded).unwrap();
+        stepped.round(&mut rounded);
+        let again = Asset::read(&written.bytes, &Limits::default()).unwrap();
+        prop_assert_eq!(bits(again.mesh().positions()), bits(&rounded));
+
+        let text_after = String::from_utf8(written.bytes).unwrap();
+        let ((_, before), (_, after)) = (taken_apart(&text), taken_apart(&text_after));
+        let mut more = 0;
+        for (before, after) in before.iter().zip(&after).filter(|(before, after)| before != after) {
+            let (host, marked) = (decimals(before), decimals(after));
+            more += u64::from(marked > host);
+            // As many as there, or as the step needs; one more where 2^50 steps do not reach.
+            let beyond = usize::from(marked > 10 || after.len() > 15);
+            // (Steps are no finer than 1e-7 of the diagonal, which is below 1e7 here or irrelevant.)
+            prop_assert!(marked <= host.max(digits) + beyond || digits == 11, "{before} {after}");
+            prop_assert!(!after.contains(['e', 'E']), "{before} {after}");
+        }
+        prop_assert_eq!(written.more_decimals, more);
+    }
+
+    /// Copies of one vertex stay together, however each is spelled.
+    #[test]
+    fn copies_stay_together(
+        zeros in 0..6_usize,
+        digits in -99_999..99_999_i32,
+        to in -2.0..2.0_f64,
+        step in 1e-9..1e-2_f64,
+    ) {
+        let x = f64::from(digits) / 1e5;
+        let text = format!("v {x} 0 0\nv {x}{} 0 0\nv 1 0.1234567 0\nv 0 1 0\nf 1 3 4\nf 2 3 4\n",
+            if x.fract() == 0.0 { String::new() } else { "0".repeat(zeros) });
+        let asset = Asset::read(text.as_bytes(), &Limits::default()).unwrap();
+        let mut positions = asset.mesh().positions().to_vec();
+        prop_assert_eq!(positions[0], positions[1]);
+        positions[0].x = to;
+        positions[1].x = to;
+        asset.with_step(step).round(&mut positions);
+        prop_assert_eq!(bits(&positions[..1]), bits(&positions[1..2]));
     }
 
     #[test]
@@ -198,9 +260,10 @@ proptest! {
         prop_assert_eq!(bits(whole.positions()), bits(cut.positions()));
         prop_assert_eq!(whole.triangles(), cut.triangles());
         let mut positions = cut.positions().to_vec();
-        layout.round(&cut, &mut positions);
-        let written = layout.write(text.as_bytes(), &cut, &positions).unwrap();
-        prop_assert_eq!(String::from_utf8(written).unwrap(), text);
+        let stepped = layout.with_step(0.0);
+        stepped.round(&cut, &mut positions);
+        let written = stepped.write(text.as_bytes(), &cut, &positions).unwrap();
+        prop_assert_eq!(String::from_utf8(written.bytes).unwrap(), text);
     }
 
     #[test]
