@@ -1,12 +1,14 @@
 //! The blob store: marked files and host geometries, under the id of their record.
 //!
-//! `files/{id}` is the marked file as it was handed out, `hosts/{id}` the geometry of the host
-//! (see [`geometry`]). Each write is whole or not there. Blobs are written before their record is
+//! `files/{id}` is the marked file (compressed, see [`marked`]), `hosts/{id}` the geometry of the
+//! host (see [`geometry`]). Each write is whole or not there. Blobs are written before their record is
 //! registered and removed when that fails; the service sweeps at the start what a crash left between
 //! the two. Must not know about HTTP, watermarks or records; nothing here is named by a user: the
 //! only path component is a record's id.
 
 pub mod geometry;
+pub mod marked;
+mod stored;
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -20,6 +22,8 @@ use object_store::{ObjectStore, ObjectStoreExt};
 use uuid::Uuid;
 
 use crate::durable::create_directory;
+use marked::MarkedError;
+pub use stored::StoredFile;
 
 /// Why a blob could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +31,12 @@ pub enum BlobError {
     /// The store refused.
     #[error("blob store: {0}")]
     Store(#[from] object_store::Error),
+    /// A marked file was stored and is not whole.
+    #[error(transparent)]
+    Marked(#[from] MarkedError),
+    /// The thread that unpacks ended before it was done.
+    #[error("a stored file could not be unpacked")]
+    Unpacking,
     /// The directory of the store cannot be made.
     #[error("the blob directory {path} cannot be created: {source}")]
     Directory {
