@@ -3,6 +3,7 @@
 //!
 //! - `shared_meshes`: the folder of test meshes is there (`$QUADMARK_MESHES`, else
 //!   `../shared/meshes`; they are not part of the repository).
+//! - `can_mount`: this user may mount a file system (Linux, root or as good as).
 //! - `has_curl`, `has_cc`, `has_strace`, `has_client_generator` (openapi-python-client): these
 //!   programs (and `sh`) can be run.
 //!
@@ -25,6 +26,7 @@ fn main() {
     println!("cargo::rerun-if-env-changed=QUADMARK_MESHES");
     println!("cargo::rerun-if-env-changed=PATH");
     flag("shared_meshes", meshes().is_dir());
+    flag("can_mount", can_mount() && is_on_path("mount"));
     let shell = is_on_path("sh");
     for (name, program) in PROGRAMS {
         flag(name, shell && is_on_path(program));
@@ -38,6 +40,14 @@ fn meshes() -> PathBuf {
         Path::new(&package).join("../shared/meshes")
     };
     env::var_os("QUADMARK_MESHES").map_or_else(beside, PathBuf::from)
+}
+
+/// Whether this process has `CAP_SYS_ADMIN`, the 22nd of the capabilities in effect.
+fn can_mount() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let held = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
+    let held = held.and_then(|digits| u64::from_str_radix(digits.trim(), 16).ok());
+    held.is_some_and(|held| held & (1 << 21) != 0)
 }
 
 fn is_on_path(program: &str) -> bool {

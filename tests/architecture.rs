@@ -50,6 +50,8 @@ const MAY_SEE: &[(&str, &[&str])] = &[
 /// Per library, the only places of `src` that may name it.
 const ONLY_IN: &[(&str, &[&str])] = &[
     ("axum", &["http"]),
+    ("hyper", &["http"]),
+    ("hyper_util", &["http"]),
     ("tower", &["http"]),
     ("tower_http", &["http"]),
     ("utoipa", &["http", "service"]),

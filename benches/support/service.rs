@@ -1,6 +1,7 @@
 //! A service in this process, over a data directory with many other records, as the benchmarks of
 //! verification use it.
 
+use futures::TryStreamExt as _;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -48,7 +49,8 @@ impl Bench {
     }
 
     async fn upload(&self, bytes: &[u8]) -> Spooled {
-        let spool = self.service.spool().unwrap().write(bytes).await.unwrap();
+        let admission = self.service.admit_upload(None).unwrap();
+        let spool = self.service.spool(admission).unwrap().write(bytes).await.unwrap();
         spool.end(None).await.unwrap()
     }
 
@@ -81,7 +83,11 @@ impl Bench {
         let key = self.keys.mark_key(&record.key_id, &record.salt, &record.owner_id).unwrap();
         let message = Message::from_bytes(&record.message, record.bits).unwrap();
         let codeword = Codeword::new(&MarkKey::from_bytes(*key), &message);
-        Mark { record, bytes: embedded.bytes.to_vec(), codeword }
+        let content = embedded.content;
+        let length = content.bytes();
+        let parts = content.begin(0..length).await.unwrap();
+        let bytes = parts.try_collect::<Vec<_>>().await.unwrap().concat();
+        Mark { record, bytes, codeword }
     }
 
     /// Whose marks a file carries; with an owner, which of that owner's.

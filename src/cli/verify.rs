@@ -4,9 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use quadmark::config::{Config, ConfigArgs};
-use quadmark::service::{
-    Depth, Service, ServiceError, Spool, Text, Verdict, Verification, VerifyRequest,
-};
+use quadmark::service::{Depth, Service, ServiceError, Text, Verdict, Verification, VerifyRequest};
 
 use super::{Failure, Outcome, files};
 
@@ -54,7 +52,8 @@ async fn verify(
     arguments: &Arguments,
 ) -> Result<Verification, Failure> {
     let service = Service::open_to_verify(config).await?;
-    let spooled = Spool::begin(&std::env::temp_dir())?.write(bytes).await?.end(None).await?;
+    let admission = service.admit_upload(None)?;
+    let spooled = service.spool(admission)?.write(bytes).await?.end(None).await?;
     let owner_id = arguments.owner_id.as_deref().map(|text| Text::parse("owner_id", text));
     let owner_id = owner_id.transpose()?;
     let watermark_id = arguments.watermark_id;

@@ -66,6 +66,12 @@ pub struct Config {
     pub memory_budget_bytes: u64,
     pub request_timeout: Duration,
     pub upload_timeout: Duration,
+    pub idle_timeout: Duration,
+    pub max_connections: usize,
+    pub max_uploads: usize,
+    pub upload_budget_bytes: u64,
+    pub min_free_bytes: u64,
+    pub allowed_hosts: Vec<String>,
     pub shutdown_grace: Duration,
     pub independent_check_max_bytes: usize,
     pub keep_files: bool,
@@ -115,6 +121,14 @@ impl Config {
             memory_budget_bytes: settings.memory_budget_bytes.unwrap_or(4 << 30),
             request_timeout: Duration::from_secs(settings.request_timeout.unwrap_or(300)),
             upload_timeout: Duration::from_secs(settings.upload_timeout.unwrap_or(600)),
+            idle_timeout: Duration::from_secs(settings.idle_timeout.unwrap_or(30)),
+            max_connections: settings.max_connections.unwrap_or(4096),
+            max_uploads: settings.max_uploads.unwrap_or(64),
+            upload_budget_bytes: settings
+                .upload_budget_bytes
+                .unwrap_or_else(|| max_body_bytes.saturating_mul(16)),
+            min_free_bytes: settings.min_free_bytes.unwrap_or(256 << 20),
+            allowed_hosts: settings.allowed_hosts.unwrap_or_default(),
             shutdown_grace: Duration::from_secs(settings.shutdown_grace.unwrap_or(30)),
             independent_check_max_bytes: usize::try_from(
                 settings.independent_check_max_bytes.unwrap_or(16 << 20),
@@ -162,9 +176,31 @@ impl Config {
         if self.memory_budget_bytes == 0 {
             return refuse("memory_budget_bytes", "must be at least 1");
         }
+        if self.max_connections == 0 || self.max_connections > 1_000_000 {
+            return refuse("max_connections", "must be from 1 to 1000000");
+        }
+        if self.max_uploads == 0 {
+            return refuse("max_uploads", "must be at least 1");
+        }
+        if self.upload_budget_bytes < self.max_body_bytes {
+            return refuse(
+                "upload_budget_bytes",
+                "must be at least max_body_bytes: the largest upload would never fit",
+            );
+        }
+        let is_host = |name: &String| {
+            !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic() && !b"/@?#,".contains(&b))
+        };
+        if !self.allowed_hosts.iter().all(is_host) {
+            return refuse(
+                "allowed_hosts",
+                "must be names without scheme and path, such as marks.example.com or marks:8443",
+            );
+        }
         let timeouts = [
             ("request_timeout", self.request_timeout),
             ("upload_timeout", self.upload_timeout),
+            ("idle_timeout", self.idle_timeout),
             ("shutdown_grace", self.shutdown_grace),
         ];
         for (setting, timeout) in timeouts {
@@ -242,6 +278,11 @@ mod tests {
             ("match_threshold_log10 = 1.0", "match_threshold_log10"),
             ("match_threshold_log10 = nan", "match_threshold_log10"),
             ("inconclusive_threshold_log10 = -20.0", "inconclusive_threshold_log10"),
+            ("idle_timeout = 0", "idle_timeout"),
+            ("max_connections = 0", "max_connections"),
+            ("max_uploads = 0", "max_uploads"),
+            ("upload_budget_bytes = 1", "upload_budget_bytes"),
+            ("allowed_hosts = ['https://marks.test']", "allowed_hosts"),
             ("max_vertices = 5000000000", "max_vertices"),
             ("log_level = '=='", "log_level"),
         ];

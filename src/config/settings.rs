@@ -102,6 +102,29 @@ pub struct Settings {
     /// Seconds that one upload may take, at most [default: 600]
     #[arg(long, env = "QUADMARK_UPLOAD_TIMEOUT", value_name = "SECONDS")]
     pub upload_timeout: Option<u64>,
+    /// Seconds that a connection may stand still: waiting for a request's header, while an upload's
+    /// bytes do not come, while nobody reads an answer [default: 30]
+    #[arg(long, env = "QUADMARK_IDLE_TIMEOUT", value_name = "SECONDS")]
+    pub idle_timeout: Option<u64>,
+    /// Connections at once; a few more are served for /livez and /readyz [default: 4096]
+    #[arg(long, env = "QUADMARK_MAX_CONNECTIONS", value_name = "COUNT")]
+    pub max_connections: Option<usize>,
+    /// Uploads on their way at once; more are refused with 503 [default: 64]
+    #[arg(long, env = "QUADMARK_MAX_UPLOADS", value_name = "COUNT")]
+    pub max_uploads: Option<usize>,
+    /// Bytes that all uploads may take of the disk together [default: 16 times max_body_bytes]
+    #[arg(long, env = "QUADMARK_UPLOAD_BUDGET_BYTES", value_name = "BYTES")]
+    pub upload_budget_bytes: Option<u64>,
+    /// Bytes of the disk that stay free: with less, uploads are refused with 507 and /readyz fails
+    /// [default: 268435456]
+    #[arg(long, env = "QUADMARK_MIN_FREE_BYTES", value_name = "BYTES")]
+    pub min_free_bytes: Option<u64>,
+    /// Names, beside loopback names and the address it listens on, that the service is asked by,
+    /// with or without a port; with them, pages shown under that name may use it. Needed behind a
+    /// proxy, and with --insecure-listen for names (addresses are known). `*`: any name, which
+    /// gives up the protection from pages that make their own name lead here [default: none]
+    #[arg(long, env = "QUADMARK_ALLOWED_HOSTS", value_name = "NAME,...", value_delimiter = ',')]
+    pub allowed_hosts: Option<Vec<String>>,
     /// Seconds that running requests get to end at shutdown [default: 30]
     #[arg(long, env = "QUADMARK_SHUTDOWN_GRACE", value_name = "SECONDS")]
     pub shutdown_grace: Option<u64>,
@@ -159,6 +182,7 @@ impl Settings {
         let top = self;
         layered!(top over below: listen data master_key master_key_file insecure_listen
             max_body_bytes workers queue memory_budget_bytes request_timeout upload_timeout
+            idle_timeout max_connections max_uploads upload_budget_bytes min_free_bytes allowed_hosts
             shutdown_grace independent_check_max_bytes keep_files keep_host match_threshold_log10
             inconclusive_threshold_log10 log_format log_level max_vertices max_triangles)
     }

@@ -32,6 +32,9 @@ macro_rules! codes {
                         | Self::DeadlineExceeded
                         | Self::ShuttingDown
                         | Self::IdempotencyInProgress
+                        | Self::UploadsFull
+                        | Self::TooManyConnections
+                        | Self::InsufficientStorage
                 )
             }
 
@@ -51,6 +54,7 @@ codes! {
     UnknownParameter = BAD_REQUEST, "unknown_parameter", "There is no such parameter";
     DuplicateParameter = BAD_REQUEST, "duplicate_parameter", "A parameter is given twice";
     InvalidParameter = BAD_REQUEST, "invalid_parameter", "A parameter has an impossible value";
+    CrossOrigin = FORBIDDEN, "cross_origin", "A page from elsewhere may not use this service";
     NotFound = NOT_FOUND, "not_found", "There is nothing here";
     UnknownWatermark = NOT_FOUND, "unknown_watermark", "There is no such watermark";
     UnknownVerification = NOT_FOUND, "unknown_verification", "There is no such verification";
@@ -63,10 +67,15 @@ codes! {
     IdempotencyRevoked = CONFLICT, "idempotency_revoked", "The key stands for a revoked mark";
     CannotRemake = CONFLICT, "cannot_remake", "The marked file cannot be made again";
     AlreadyMarked = CONFLICT, "already_marked", "The file already carries a registered mark";
+    PreconditionFailed = PRECONDITION_FAILED, "precondition_failed", "The file is another one";
     TooLarge = PAYLOAD_TOO_LARGE, "too_large", "The upload is too large";
+    HostNotAllowed = MISDIRECTED_REQUEST, "host_not_allowed",
+        "The service is not known under this name";
     UnsupportedMediaType = UNSUPPORTED_MEDIA_TYPE, "unsupported_media_type",
         "The content type cannot be used";
     UnknownFormat = UNSUPPORTED_MEDIA_TYPE, "unknown_format", "The file is of no format that can be read";
+    RangeNotSatisfiable = RANGE_NOT_SATISFIABLE, "range_not_satisfiable",
+        "The file has no such bytes";
     EmptyFile = UNPROCESSABLE_ENTITY, "empty_file", "The file is empty";
     MalformedObj = UNPROCESSABLE_ENTITY, "malformed_obj", "The OBJ file cannot be read";
     MalformedGltf = UNPROCESSABLE_ENTITY, "malformed_gltf", "The glTF file cannot be read";
@@ -86,10 +95,16 @@ codes! {
         "All vertices are at the same distance from the centre";
     Unprocessable = UNPROCESSABLE_ENTITY, "unprocessable", "The request cannot be done";
     Internal = INTERNAL_SERVER_ERROR, "internal", "Something went wrong on our side";
+    FileLost = INTERNAL_SERVER_ERROR, "file_lost", "The marked file is missing or damaged";
     CheckFailed = INTERNAL_SERVER_ERROR, "check_failed", "The marked file failed its check";
     Busy = SERVICE_UNAVAILABLE, "busy", "The service is busy";
+    UploadsFull = SERVICE_UNAVAILABLE, "uploads_full", "Too many uploads are on their way";
+    TooManyConnections = SERVICE_UNAVAILABLE, "too_many_connections",
+        "The service has too many connections";
     DeadlineExceeded = SERVICE_UNAVAILABLE, "deadline_exceeded", "The request took too long";
     ShuttingDown = SERVICE_UNAVAILABLE, "shutting_down", "The service is shutting down";
+    InsufficientStorage = INSUFFICIENT_STORAGE, "insufficient_storage",
+        "The disk of the service is full";
 }
 
 #[cfg(test)]

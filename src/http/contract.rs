@@ -18,14 +18,15 @@ use super::schemas::bytes;
 use crate::formats::Format;
 
 use Code::{
-    AlreadyMarked, Busy, CannotPatch, CannotRemake, CheckFailed, DeadlineExceeded,
-    DistortionUnreachable, DuplicateParameter, EmptyFile, ExternalBuffer, FileNotKept,
-    IdempotencyConflict, IdempotencyInProgress, IdempotencyRevoked, InsufficientCapacity, Internal,
-    InvalidParameter, MalformedGltf, MalformedMultipart, MalformedObj, MalformedRequest,
-    MissingParameter, NoRadialExtent, NoTriangles, NonFiniteVertex, NotAcceptable, NotFound,
-    NothingToCompare, ShuttingDown, TooLarge, UnknownFormat, UnknownParameter, UnknownVerification,
-    UnknownWatermark, Unprocessable, UnsupportedExtension, UnsupportedMediaType, UploadIncomplete,
-    UploadTimeout,
+    AlreadyMarked, Busy, CannotPatch, CannotRemake, CheckFailed, CrossOrigin, DeadlineExceeded,
+    DistortionUnreachable, DuplicateParameter, EmptyFile, ExternalBuffer, FileLost, FileNotKept,
+    HostNotAllowed, IdempotencyConflict, IdempotencyInProgress, IdempotencyRevoked,
+    InsufficientCapacity, InsufficientStorage, Internal, InvalidParameter, MalformedGltf,
+    MalformedMultipart, MalformedObj, MalformedRequest, MissingParameter, NoRadialExtent,
+    NoTriangles, NonFiniteVertex, NotAcceptable, NotFound, NothingToCompare, PreconditionFailed,
+    RangeNotSatisfiable, ShuttingDown, TooLarge, TooManyConnections, UnknownFormat,
+    UnknownParameter, UnknownVerification, UnknownWatermark, Unprocessable, UnsupportedExtension,
+    UnsupportedMediaType, UploadIncomplete, UploadTimeout, UploadsFull,
 };
 
 /// Of every operation, whatever it does.
@@ -53,9 +54,14 @@ const UPLOAD: &[Code] = &[
     NoRadialExtent,
     Unprocessable,
     Busy,
+    UploadsFull,
+    InsufficientStorage,
     DeadlineExceeded,
     ShuttingDown,
 ];
+
+/// Of every operation but those of probes, which answer whoever asks.
+const ASKED: &[Code] = &[HostNotAllowed, CrossOrigin, TooManyConnections];
 
 const EMBED: &[Code] = &[
     NotAcceptable,
@@ -68,20 +74,27 @@ const EMBED: &[Code] = &[
     InsufficientCapacity,
     DistortionUnreachable,
     CheckFailed,
+    FileLost,
 ];
 
 /// The codes that an operation answers with, by its id.
 fn codes(operation: &str) -> Vec<&'static [Code]> {
     match operation {
-        "embed" => vec![ALWAYS, UPLOAD, EMBED],
-        "verify" => vec![ALWAYS, UPLOAD, &[UnknownWatermark, NothingToCompare]],
-        "inspect" => vec![ALWAYS, UPLOAD],
-        "list_watermarks" => vec![ALWAYS, &[InvalidParameter]],
-        "get_watermark" | "revoke_watermark" => vec![ALWAYS, &[NotFound, UnknownWatermark]],
-        "get_marked_file" => vec![ALWAYS, &[NotFound, UnknownWatermark, FileNotKept]],
-        "get_verification" => vec![ALWAYS, &[NotFound, UnknownVerification]],
-        "readyz" => vec![ALWAYS, &[ShuttingDown]],
-        _ => vec![ALWAYS],
+        "embed" => vec![ALWAYS, ASKED, UPLOAD, EMBED],
+        "verify" => vec![ALWAYS, ASKED, UPLOAD, &[UnknownWatermark, NothingToCompare]],
+        "inspect" => vec![ALWAYS, ASKED, UPLOAD],
+        "list_watermarks" => vec![ALWAYS, ASKED, &[InvalidParameter]],
+        "get_watermark" | "revoke_watermark" => vec![ALWAYS, ASKED, &[NotFound, UnknownWatermark]],
+        "get_marked_file" => vec![
+            ALWAYS,
+            ASKED,
+            &[NotFound, UnknownWatermark, FileNotKept, FileLost],
+            &[PreconditionFailed, RangeNotSatisfiable],
+        ],
+        "get_verification" => vec![ALWAYS, ASKED, &[NotFound, UnknownVerification]],
+        "readyz" => vec![ALWAYS, &[ShuttingDown, InsufficientStorage]],
+        "livez" => vec![ALWAYS],
+        _ => vec![ALWAYS, ASKED],
     }
 }
 
@@ -97,12 +110,12 @@ fn links(operation: &str) -> &'static [(&'static str, &'static str)] {
     }
 }
 
-/// With which status an operation answers with a marked file.
-fn marked_file(operation: &str) -> Option<&'static str> {
+/// With which statuses an operation answers with a marked file, or a part of one.
+fn marked_file(operation: &str) -> &'static [&'static str] {
     match operation {
-        "embed" => Some("201"),
-        "get_marked_file" => Some("200"),
-        _ => None,
+        "embed" => &["201"],
+        "get_marked_file" => &["200", "206"],
+        _ => &[],
     }
 }
 
@@ -132,10 +145,18 @@ fn headers(operation: &str, status: &str) -> &'static [(&'static str, &'static s
                 "Ids of the marks that the host already carried, separated by commas; absent where \
                  there are none",
             ),
+            ("Accept-Ranges", "`bytes`"),
+            FILE,
+            TAG,
+        ],
+        ("get_marked_file", "206") => &[
+            ("Content-Range", "Which bytes these are, and of how many"),
+            ("Accept-Ranges", "`bytes`"),
             FILE,
             TAG,
         ],
         ("get_marked_file", "304") => &[TAG],
+        ("get_marked_file", "416") => &[("Content-Range", "How many bytes there are")],
         _ => &[],
     }
 }
@@ -162,8 +183,8 @@ fn complete_operation(operation: &mut Operation, forms: &BTreeMap<String, Object
         }
     }
     let responses = &mut operation.responses.responses;
-    if let Some(RefOr::T(answer)) = marked_file(&name).and_then(|status| responses.get_mut(status))
-    {
+    for status in marked_file(&name) {
+        let Some(RefOr::T(answer)) = responses.get_mut(*status) else { continue };
         for format in Format::ALL {
             let file = Content::new(Some(bytes()));
             answer.content.insert(format.media_type().to_owned(), file.into());

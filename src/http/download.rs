@@ -5,7 +5,6 @@ use std::fmt::Write;
 use axum::body::Body;
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::Response;
-use bytes::Bytes;
 
 use crate::registry::Record;
 
@@ -25,9 +24,12 @@ fn existing_marks(record: &Record) -> Option<String> {
     Some(ids.join(","))
 }
 
-pub(super) fn answer_file(record: &Record, bytes: Bytes) -> Response {
-    let mut response = Response::new(Body::from(bytes));
+/// An answer of `bytes` bytes. The length is said beforehand, so that a body that ends early breaks
+/// the connection and is never taken for the whole.
+pub(super) fn answer_file(record: &Record, body: Body, bytes: u64) -> Response {
+    let mut response = Response::new(body);
     let headers = response.headers_mut();
+    headers.insert(header::CONTENT_LENGTH, HeaderValue::from(bytes));
     let kind = HeaderValue::from_static(record.format.media_type());
     headers.insert(header::CONTENT_TYPE, kind);
     let disposition = disposition(record.file_name.as_deref(), record.format.extension());

@@ -3,7 +3,7 @@
 //! Every answer with an error status leaves here as problem+json, whoever made it: a handler, an
 //! extractor of the framework, the router's 404 and 405, or a panic.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use axum::Json;
 use axum::body::Body;
@@ -15,12 +15,17 @@ use tracing::{Instrument, info, info_span, warn};
 use uuid::Uuid;
 
 use super::App;
-use super::error::{Problem, ProblemBody};
+use super::code::Code;
+use super::connections::Crowded;
+use super::error::{ApiError, Problem, ProblemBody};
 use super::intake::Lingering;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
 /// Characters of an incoming request id at most; more would let callers flood the log.
 const LONGEST_ID: usize = 128;
+/// When a connection may be free again.
+const COME_BACK: Duration = Duration::from_secs(5);
 
 pub(super) async fn envelope(State(app): State<App>, request: Request, next: Next) -> Response {
     let start = Instant::now();
@@ -32,13 +37,22 @@ pub(super) async fn envelope(State(app): State<App>, request: Request, next: Nex
         .get::<MatchedPath>()
         .map_or_else(|| "unknown".to_owned(), |matched| matched.as_str().to_owned());
     let span = info_span!("request", %id, %method, path);
-    let response = next.run(lingering(request)).instrument(span.clone()).await;
+    let request = lingering(request);
+    let response = match admitted(&app, &request) {
+        Ok(()) => next.run(request).instrument(span.clone()).await,
+        Err(refusal) => {
+            drop(request);
+            refusal.into_response()
+        }
+    };
     let mut response = with_problem(response, &id, method.as_str(), &path);
     if let Ok(value) = HeaderValue::from_str(&id) {
         response.headers_mut().insert(REQUEST_ID, value);
     }
     let nosniff = HeaderValue::from_static("nosniff");
     response.headers_mut().insert(header::X_CONTENT_TYPE_OPTIONS, nosniff);
+    let own_pages = HeaderValue::from_static("same-origin");
+    response.headers_mut().insert(RESOURCE_POLICY, own_pages);
     let (status, took) = (response.status().as_u16(), start.elapsed());
     app.metrics.count(&route, method.as_str(), status, took);
     let _entered = span.entered();
@@ -49,6 +63,21 @@ pub(super) async fn envelope(State(app): State<App>, request: Request, next: Nex
         info!(status, milliseconds, "answered");
     }
     response
+}
+
+/// Whether a request is looked at, whatever it asks for. Probes always are: they come by address,
+/// and they are what a full service must answer.
+fn admitted(app: &App, request: &Request) -> Result<(), ApiError> {
+    if matches!(request.uri().path(), "/livez" | "/readyz") {
+        return Ok(());
+    }
+    app.origins.check(request)?;
+    if request.extensions().get::<Crowded>().is_some() {
+        let text = "the service has as many connections as it takes; try again shortly";
+        let refusal = ApiError::new(Code::TooManyConnections, text);
+        return Err(refusal.retry_after(COME_BACK));
+    }
+    Ok(())
 }
 
 fn lingering(request: Request) -> Request {
@@ -92,7 +121,7 @@ fn with_problem(mut response: Response, id: &str, method: &str, path: &str) -> R
     };
     info!(request_id = id, code, detail = problem.detail, "refused");
     let mut answer = (status, Json(body)).into_response();
-    for name in [header::ALLOW, header::RETRY_AFTER] {
+    for name in [header::ALLOW, header::RETRY_AFTER, header::CONTENT_RANGE] {
         if let Some(value) = response.headers_mut().remove(&name) {
             answer.headers_mut().insert(name, value);
         }

@@ -62,6 +62,18 @@ impl ApiError {
         Self { problem: Problem { code, detail: detail.into() }, retry_after: None }
     }
 
+    /// Its code.
+    #[cfg(test)]
+    pub(super) fn code(&self) -> Code {
+        self.problem.code
+    }
+
+    /// The same request may work after this time.
+    pub(super) fn retry_after(mut self, wait: Duration) -> Self {
+        self.retry_after = Some(wait);
+        self
+    }
+
     /// A bug or a broken machine: the text goes to the log, not to the caller.
     pub(super) fn internal(text: &str) -> Self {
         error!(error = text, "internal error");
@@ -127,12 +139,15 @@ impl From<ServiceError> for ApiError {
             ServiceError::UnknownWatermark(_) => Code::UnknownWatermark,
             ServiceError::UnknownVerification(_) => Code::UnknownVerification,
             ServiceError::FileNotKept(_) => Code::FileNotKept,
+            ServiceError::FileLost { .. } => Code::FileLost,
             ServiceError::IdempotencyConflict => Code::IdempotencyConflict,
             ServiceError::IdempotencyInProgress => Code::IdempotencyInProgress,
             ServiceError::IdempotencyRevoked { .. } => Code::IdempotencyRevoked,
             ServiceError::NothingToCompare(_) => Code::NothingToCompare,
             ServiceError::CannotRemake(_) => Code::CannotRemake,
             ServiceError::AlreadyMarked(_) => Code::AlreadyMarked,
+            ServiceError::UploadsFull(_) => Code::UploadsFull,
+            ServiceError::StorageFull(_) => Code::InsufficientStorage,
             ServiceError::Job(JobError::Busy { .. }) => Code::Busy,
             ServiceError::Job(JobError::DeadlinePassed) => Code::DeadlineExceeded,
             ServiceError::Job(JobError::ShuttingDown) => Code::ShuttingDown,

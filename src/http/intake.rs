@@ -12,6 +12,8 @@ use axum::body::{Body, BodyDataStream};
 use bytes::Bytes;
 use futures::{Stream, StreamExt};
 
+use super::stall::Stall;
+
 /// The form parser may hold this much that it has not handed on. A part's headers and the buffer
 /// of one chunk are far smaller; an endless header line is not.
 const MOST_BACKLOG: u64 = 1 << 20;
@@ -29,6 +31,7 @@ pub(super) struct Meter {
     delivered: AtomicU64,
     over_limit: AtomicBool,
     broken: AtomicBool,
+    stalled: AtomicBool,
 }
 
 impl Meter {
@@ -40,6 +43,11 @@ impl Meter {
     /// The body was longer than the limit.
     pub(super) fn over_limit(&self) -> bool {
         self.over_limit.load(Ordering::Relaxed)
+    }
+
+    /// The bytes stopped coming.
+    pub(super) fn stalled(&self) -> bool {
+        self.stalled.load(Ordering::Relaxed)
     }
 
     /// The connection broke before the body ended.
@@ -55,14 +63,17 @@ pub(super) struct Intake {
     meter: Arc<Meter>,
     fruitless: u32,
     delivered_before: u64,
+    stall: Stall,
 }
 
 impl Intake {
-    pub(super) fn new(body: Body, limit: u64) -> (Self, Arc<Meter>) {
+    /// A body of at most `limit` bytes that may stand still for `idle`.
+    pub(super) fn new(body: Body, limit: u64, idle: Duration) -> (Self, Arc<Meter>) {
         let meter = Arc::new(Meter::default());
         let inner = body.into_data_stream();
         let shared = meter.clone();
-        (Self { inner, limit, meter, fruitless: 0, delivered_before: 0 }, shared)
+        let stall = Stall::new(idle);
+        (Self { inner, limit, meter, fruitless: 0, delivered_before: 0, stall }, shared)
     }
 
     /// Holds the parser back while it has much in hand; the parser reads as long as there is
@@ -97,6 +108,7 @@ impl Stream for Intake {
         }
         match self.inner.poll_next_unpin(context) {
             Poll::Ready(Some(Ok(bytes))) => {
+                self.stall.moved(bytes.len());
                 let length = bytes.len() as u64;
                 let before = self.meter.pulled.fetch_add(length, Ordering::Relaxed);
                 if before.saturating_add(length) > self.limit {
@@ -110,6 +122,10 @@ impl Stream for Intake {
                 Poll::Ready(Some(Err(io::Error::other(error))))
             }
             Poll::Ready(None) => Poll::Ready(None),
+            Poll::Pending if self.stall.lasted(context) => {
+                self.meter.stalled.store(true, Ordering::Relaxed);
+                Poll::Ready(Some(Err(io::Error::other("the body stands still"))))
+            }
             Poll::Pending => Poll::Pending,
         }
     }
@@ -191,7 +207,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_parser_that_hands_nothing_on_is_stopped() {
-        let (mut intake, meter) = Intake::new(endless(), u64::MAX);
+        let (mut intake, meter) = Intake::new(endless(), u64::MAX, LINGER_TIME);
         // Pending without a waker would hang here; the throttle wakes by itself.
         let (bytes, failed) =
             tokio::time::timeout(Duration::from_secs(20), gather(&mut intake)).await.unwrap();
@@ -201,7 +217,7 @@ mod tests {
 
     #[tokio::test]
     async fn one_that_hands_on_reads_all_up_to_the_limit() {
-        let (mut intake, meter) = Intake::new(endless(), 50 << 20);
+        let (mut intake, meter) = Intake::new(endless(), 50 << 20, LINGER_TIME);
         let mut bytes = 0;
         while let Some(Ok(chunk)) = intake.next().await {
             meter.deliver(chunk.len());

@@ -6,6 +6,8 @@
 
 mod accept;
 mod code;
+mod conditional;
+mod connections;
 mod contract;
 mod docs;
 mod document;
@@ -17,13 +19,17 @@ mod inspections;
 mod intake;
 mod metrics;
 mod operations;
+mod origin;
+mod range;
 mod schemas;
 mod server;
+mod stall;
 mod upload;
 mod verifications;
 mod watermarks;
 mod wire;
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 
 use axum::Router;
@@ -43,11 +49,14 @@ pub use server::{ServeError, serve, serve_on};
 pub(crate) struct App {
     service: Arc<Service>,
     metrics: Arc<metrics::Metrics>,
+    origins: Arc<origin::Origins>,
 }
 
-/// All routes over a service.
-pub fn router(service: Arc<Service>) -> Router {
-    let app = App { service, metrics: Arc::new(metrics::Metrics::default()) };
+/// All routes over a service that listens on `address`.
+pub fn router(service: Arc<Service>, address: SocketAddr) -> Router {
+    let origins = origin::Origins::new(address, &service.config().allowed_hosts);
+    let metrics = Arc::new(metrics::Metrics::default());
+    let app = App { service, metrics, origins: Arc::new(origins) };
     Router::new()
         .route("/v1/watermarks", post(watermarks::embed).get(watermarks::page))
         .route("/v1/watermarks/{id}", get(watermarks::record).delete(watermarks::revoke))

@@ -10,12 +10,17 @@ use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
 
+use super::connections::{Connections, SPARE};
 use super::router;
 use crate::config::Config;
 use crate::service::{Service, StartError};
 
 /// For the answers of jobs that ended at the end of the grace.
 const LAST_WORDS: Duration = Duration::from_secs(2);
+/// How long no connection is accepted after one could not be.
+const ACCEPT_AGAIN: Duration = Duration::from_millis(100);
+/// Files that are open beside connections: the registry's, uploads, blobs that are read.
+const OTHER_FILES: usize = 512;
 
 /// Why the server did not start or did not go on.
 #[derive(Debug, thiserror::Error)]
@@ -31,7 +36,7 @@ pub enum ServeError {
         /// What the system said.
         source: io::Error,
     },
-    /// Serving failed.
+    /// The listener has no address.
     #[error("the server failed: {0}")]
     Serve(#[from] io::Error),
 }
@@ -49,6 +54,7 @@ pub async fn serve(config: Config) -> Result<(), ServeError> {
     if !address.ip().is_loopback() {
         warn!(%address, "other machines can reach this service and it does not authenticate them");
     }
+    raise_file_limit(config.max_connections);
     let service = Service::open(config).await?;
     serve_on(listener, service, signalled()).await
 }
@@ -63,43 +69,75 @@ pub async fn serve_on(
     service: Arc<Service>,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
-    let grace = service.config().shutdown_grace;
+    let config = service.config();
+    let grace = config.shutdown_grace;
     let address = listener.local_addr()?;
     info!(%address, docs = format!("http://{address}/docs"), "listening");
     let going_down = CancellationToken::new();
-    let told = going_down.clone();
-    let server = axum::serve(listener, router(service.clone()))
-        .with_graceful_shutdown(async move {
-            shutdown.await;
-            told.cancel();
-        })
-        .into_future();
-    let server = tokio::spawn(server);
-    let mut server = std::pin::pin!(server);
-    let served = tokio::select! {
-        // Only when accepting fails for good.
-        served = &mut server => Some(served),
-        () = going_down.cancelled() => None,
-    };
+    let connections = Connections::new(
+        router(service.clone(), address),
+        config.max_connections,
+        config.idle_timeout,
+        going_down.clone(),
+    );
+    tokio::select! {
+        () = accept(&listener, &connections) => {}
+        () = shutdown => {}
+    }
+    drop(listener);
+    going_down.cancel();
     info!(seconds = grace.as_secs(), "going down; running requests may end");
     let deadline = tokio::time::Instant::now() + grace;
     let drained = service.drain(grace).await;
-    let served = if let Some(served) = served {
-        served
-    } else {
-        // Answers are still being written, at least a moment after the last job.
-        let deadline = deadline.max(tokio::time::Instant::now() + LAST_WORDS);
-        tokio::time::timeout_at(deadline, &mut server).await.unwrap_or(Ok(Ok(())))
-    };
+    // Answers are still being written, at least a moment after the last job.
+    let deadline = deadline.max(tokio::time::Instant::now() + LAST_WORDS);
+    if tokio::time::timeout_at(deadline, connections.ended()).await.is_err() {
+        connections.cut();
+    }
     let ended = service.close().await && drained;
     if ended {
         info!("all requests ended; bye");
     } else {
         warn!("some requests were cut off; nothing half done is left");
     }
-    served.map_err(io::Error::other)??;
     Ok(())
 }
+
+/// Accepts connections, for ever.
+async fn accept(listener: &TcpListener, connections: &Connections) {
+    loop {
+        match listener.accept().await {
+            Ok((stream, _)) => connections.take(stream),
+            // A client that was gone before it was accepted.
+            Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
+            Err(error) => {
+                // Mostly that no more files can be opened: better when a connection has ended.
+                warn!(%error, "a connection cannot be accepted");
+                tokio::time::sleep(ACCEPT_AGAIN).await;
+            }
+        }
+    }
+}
+
+/// Lets the process open as many files as its connections want, where the system allows it: many
+/// systems begin with 1,024.
+#[cfg(unix)]
+fn raise_file_limit(connections: usize) {
+    use rustix::process::{Resource, getrlimit, setrlimit};
+    let wanted = u64::try_from(connections + SPARE + OTHER_FILES).unwrap_or(u64::MAX);
+    let mut limit = getrlimit(Resource::Nofile);
+    if limit.current.is_none_or(|current| current >= wanted) {
+        return;
+    }
+    let allowed = limit.maximum.map_or(wanted, |most| most.min(wanted));
+    limit.current = Some(allowed);
+    if setrlimit(Resource::Nofile, limit).is_err() || allowed < wanted {
+        warn!(allowed, wanted, "fewer files may be open than max_connections wants (ulimit -n)");
+    }
+}
+
+#[cfg(not(unix))]
+fn raise_file_limit(_: usize) {}
 
 async fn signalled() {
     #[cfg(unix)]

@@ -16,7 +16,7 @@ use super::code::Code;
 use super::error::ApiError;
 use super::fields::Fields;
 use super::intake::{Intake, Meter};
-use crate::service::{ServiceError, Spooled};
+use crate::service::{Admission, ServiceError, Spooled};
 
 /// Bytes of one text field at most; the longest legal value is 256 characters.
 const LONGEST_FIELD: usize = 16 << 10;
@@ -40,8 +40,11 @@ pub(super) async fn receive(
     if declared.is_some_and(|length: u64| length > limit) {
         return Err(too_large(limit));
     }
+    // So does one that has too many of them, or no room.
+    let admission = app.service.admit_upload(declared)?;
     let time = app.service.config().upload_timeout;
-    tokio::time::timeout(time, receive_body(app, request, known, limit)).await.map_err(|_| {
+    let received = receive_body(app, request, known, limit, admission);
+    tokio::time::timeout(time, received).await.map_err(|_| {
         let seconds = time.as_secs();
         ApiError::new(
             Code::UploadTimeout,
@@ -55,6 +58,7 @@ async fn receive_body(
     request: Request,
     known: &'static [&'static str],
     limit: u64,
+    admission: Admission,
 ) -> Result<(Spooled, Fields), ApiError> {
     let Ok(Query(query)) = Query::<Vec<(String, String)>>::try_from_uri(request.uri()) else {
         return Err(ApiError::new(Code::MalformedRequest, "the query cannot be read"));
@@ -62,10 +66,10 @@ async fn receive_body(
     let mut fields = Fields::new(known, query)?;
     let kind = ContentKind::of(request.headers())?;
     let (parts, body) = request.into_parts();
-    let (intake, meter) = Intake::new(body, limit);
+    let (intake, meter) = Intake::new(body, limit, app.service.config().idle_timeout);
     let file = match kind {
         ContentKind::Raw => {
-            let file = spool_raw(app, intake, &meter).await;
+            let file = spool_raw(app, admission, intake, &meter).await;
             file.map_err(|error| explain(error, &meter, limit))?
         }
         ContentKind::Form => {
@@ -74,7 +78,7 @@ async fn receive_body(
             let form = form.map_err(|rejection| {
                 ApiError::new(Code::MalformedMultipart, rejection.body_text())
             })?;
-            let file = read_form(app, form, &mut fields, &meter).await;
+            let file = read_form(app, admission, form, &mut fields, &meter).await;
             file.map_err(|error| explain(error, &meter, limit))?
         }
     };
@@ -113,7 +117,6 @@ impl ContentKind {
 enum Failure {
     Form(MultipartError),
     Body(std::io::Error),
-    Disk(std::io::Error),
     Said(ApiError),
 }
 
@@ -123,9 +126,21 @@ impl From<ApiError> for Failure {
     }
 }
 
+impl From<ServiceError> for Failure {
+    fn from(error: ServiceError) -> Self {
+        Self::Said(error.into())
+    }
+}
+
 fn explain(failure: Failure, meter: &Meter, limit: u64) -> ApiError {
     if meter.over_limit() {
         return too_large(limit);
+    }
+    if meter.stalled() {
+        return ApiError::new(
+            Code::UploadTimeout,
+            "the upload stood still and was given up; send it again, on a better connection",
+        );
     }
     if meter.broken() {
         return ApiError::new(
@@ -139,7 +154,6 @@ fn explain(failure: Failure, meter: &Meter, limit: u64) -> ApiError {
             format!("the form cannot be read ({}); was it cut off?", error.body_text()),
         ),
         Failure::Body(error) => ApiError::new(Code::UploadIncomplete, error.to_string()),
-        Failure::Disk(error) => ApiError::internal(&format!("spooling an upload: {error}")),
         Failure::Said(error) => error,
     }
 }
@@ -153,22 +167,29 @@ fn too_large(limit: u64) -> ApiError {
     )
 }
 
-async fn spool_raw(app: &App, mut intake: Intake, meter: &Meter) -> Result<Spooled, Failure> {
-    let mut spool = app.service.spool().map_err(ApiError::from)?;
+async fn spool_raw(
+    app: &App,
+    admission: Admission,
+    mut intake: Intake,
+    meter: &Meter,
+) -> Result<Spooled, Failure> {
+    let mut spool = app.service.spool(admission)?;
     while let Some(chunk) = intake.next().await {
         let chunk = chunk.map_err(Failure::Body)?;
         meter.deliver(chunk.len());
-        spool = spool.write(&chunk).await.map_err(Failure::Disk)?;
+        spool = spool.write(&chunk).await?;
     }
-    spool.end(None).await.map_err(Failure::Disk)
+    Ok(spool.end(None).await?)
 }
 
 async fn read_form(
     app: &App,
+    admission: Admission,
     mut form: Multipart,
     fields: &mut Fields,
     meter: &Arc<Meter>,
 ) -> Result<Spooled, Failure> {
+    let mut admission = Some(admission);
     let mut file = None;
     let mut parts = 0;
     while let Some(part) = form.next_field().await.map_err(Failure::Form)? {
@@ -183,11 +204,11 @@ async fn read_form(
             fields.add(name, value)?;
             continue;
         }
-        if file.is_some() {
+        let Some(admission) = admission.take() else {
             let text = "file is given twice; send one file per request";
             return Err(ApiError::new(Code::DuplicateParameter, text).into());
-        }
-        file = Some(spool_part(app, part, meter).await?);
+        };
+        file = Some(spool_part(app, admission, part, meter).await?);
     }
     file.ok_or_else(|| {
         let text = "there is no file; add it as the form field file (curl -F file=@mesh.obj)";
@@ -195,14 +216,19 @@ async fn read_form(
     })
 }
 
-async fn spool_part(app: &App, mut part: Field<'_>, meter: &Meter) -> Result<Spooled, Failure> {
+async fn spool_part(
+    app: &App,
+    admission: Admission,
+    mut part: Field<'_>,
+    meter: &Meter,
+) -> Result<Spooled, Failure> {
     let name = part.file_name().map(|name| name.chars().take(LONGEST_NAME).collect());
-    let mut spool = app.service.spool().map_err(ApiError::from)?;
+    let mut spool = app.service.spool(admission)?;
     while let Some(chunk) = part.chunk().await.map_err(Failure::Form)? {
         meter.deliver(chunk.len());
-        spool = spool.write(&chunk).await.map_err(Failure::Disk)?;
+        spool = spool.write(&chunk).await?;
     }
-    spool.end(name).await.map_err(Failure::Disk)
+    Ok(spool.end(name).await?)
 }
 
 async fn read_text(mut part: Field<'_>, name: &str, meter: &Meter) -> Result<String, Failure> {

@@ -1,17 +1,20 @@
 //! `/v1/watermarks`: embed, list, show, fetch the file, revoke.
 
 use axum::Json;
+use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, Request, State};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use uuid::Uuid;
 
 use super::App;
 use super::accept::{Accept, Wanted};
 use super::code::Code;
+use super::conditional::{Outcome, evaluate, range_applies};
 use super::download::{EXISTING, answer_file, etag};
 use super::error::ApiError;
+use super::range::{self, wanted};
 use super::upload::receive;
 use super::wire::{EmbedForm, PageQuery, WatermarkBody, WatermarkPageBody};
 use crate::registry::{Filter, Order};
@@ -85,13 +88,16 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
         idempotency_key,
     };
     let silent = request.on_existing == OnExisting::Allow;
-    let Embedded { record, bytes, replayed } = app.service.embed(request).await?;
+    let Embedded { record, content, replayed } = app.service.embed(request).await?;
     let id = record.id.to_string();
     let location = format!("/v1/watermarks/{id}");
     let link = format!("<{location}>; rel=\"describedby\"");
     let mut response = match accept.wanted(record.format) {
         Some(Wanted::Record) => Json(WatermarkBody::from(record)).into_response(),
-        _ => answer_file(&record, bytes),
+        _ => {
+            let bytes = content.bytes();
+            answer_file(&record, Body::from_stream(content.begin(0..bytes).await?), bytes)
+        }
     };
     *response.status_mut() = StatusCode::CREATED;
     let headers = response.headers_mut();
@@ -174,28 +180,76 @@ pub(super) async fn revoke(
     Ok(Json(app.service.revoke(parse_id(&id)?).await?.into()))
 }
 
-/// The marked file again.
+/// The marked file again, whole or in part.
 #[utoipa::path(
     get, path = "/v1/watermarks/{id}/file", tag = "watermarks", operation_id = "get_marked_file",
-    params(("id" = String, Path, format = "uuid", description = "Id of the record")),
+    params(
+        ("id" = String, Path, format = "uuid", description = "Id of the record"),
+        ("Range" = Option<String>, Header, description =
+            "One range of bytes; several are ignored"),
+        ("If-Range" = Option<String>, Header, description =
+            "The range counts only while the ETag is this one"),
+        ("If-None-Match" = Option<String>, Header, description =
+            "Answers 304 when the ETag is among these"),
+        ("If-Match" = Option<String>, Header, description =
+            "Answers 412 when the ETag is not among these"),
+    ),
     responses(
         (status = 200, description = "The marked file"),
+        (status = 206, description = "The part that the Range says"),
         (status = 304, description = "As the If-None-Match says"),
     )
 )]
 pub(super) async fn file(
     State(app): State<App>,
     Path(id): Path<String>,
+    method: Method,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
-    let id = parse_id(&id)?;
-    let tag = etag(&app.service.record(id).await?);
-    let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok());
-    if known.is_some_and(|tags| tags.split(',').any(|other| other.trim() == tag)) {
-        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, tag)]).into_response());
+    // Conditions count only where there would be an answer without them.
+    let record = app.service.kept_file(parse_id(&id)?).await?;
+    let (tag, bytes) = (etag(&record), record.marked_bytes);
+    match evaluate(&headers, &tag) {
+        Outcome::Proceed => {}
+        Outcome::NotModified => {
+            return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, tag)]).into_response());
+        }
+        Outcome::Failed => {
+            let text = format!("the file has the ETag {tag}, which If-Match does not name");
+            return Err(ApiError::new(Code::PreconditionFailed, text));
+        }
     }
-    let found = app.service.marked_file(id).await?;
-    Ok(answer_file(&found.record, found.bytes))
+    let accepts = (header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
+    if method == Method::HEAD {
+        return Ok(([accepts], answer_file(&record, Body::empty(), bytes)).into_response());
+    }
+    let wanted =
+        if range_applies(&headers, &tag) { wanted(&headers, bytes) } else { range::Wanted::Whole };
+    let (status, range) = match wanted {
+        range::Wanted::Whole => (StatusCode::OK, 0..bytes),
+        range::Wanted::Part(range) => (StatusCode::PARTIAL_CONTENT, range),
+        range::Wanted::Unsatisfiable => {
+            let text = format!("the file has {bytes} bytes; ask for some of them");
+            let mut refused = ApiError::new(Code::RangeNotSatisfiable, text).into_response();
+            content_range(&mut refused, format!("bytes */{bytes}"));
+            return Ok(refused);
+        }
+    };
+    let content = app.service.content(&record).await?;
+    let body = Body::from_stream(content.begin(range.clone()).await?);
+    let mut response = answer_file(&record, body, range.end - range.start);
+    *response.status_mut() = status;
+    if status == StatusCode::PARTIAL_CONTENT {
+        let last = range.end.saturating_sub(1);
+        content_range(&mut response, format!("bytes {}-{last}/{bytes}", range.start));
+    }
+    Ok(([accepts], response).into_response())
+}
+
+fn content_range(response: &mut Response, range: String) {
+    if let Ok(value) = HeaderValue::try_from(range) {
+        response.headers_mut().insert(header::CONTENT_RANGE, value);
+    }
 }
 
 pub(super) fn parse_id(text: &str) -> Result<Uuid, ApiError> {

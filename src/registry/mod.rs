@@ -68,6 +68,16 @@ pub enum RegistryError {
     Migration(#[from] sqlx::migrate::MigrateError),
 }
 
+impl RegistryError {
+    /// Whether the database has no room: `SQLITE_FULL`.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        let Self::Database(error) = self else { return false };
+        let code = error.as_database_error().and_then(sqlx::error::DatabaseError::code);
+        code.as_deref() == Some("13")
+    }
+}
+
 /// What the service needs of a registry. Every method is one transaction.
 #[async_trait]
 pub trait Registry: Send + Sync {

@@ -9,12 +9,14 @@ use std::sync::Arc;
 use bytes::Bytes;
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
+use tracing::error;
 use uuid::Uuid;
 
+use super::content::packed;
 use super::existing::Seen;
 use super::known::mark_key;
 use super::register::KeptHost;
-use super::{OnExisting, Service, ServiceError, Spooled, Text, idempotency};
+use super::{Content, OnExisting, Service, ServiceError, Spooled, Text, idempotency};
 use crate::blobs::{Kind, geometry};
 use crate::formats::{Format, sniff};
 use crate::keys::random_bytes;
@@ -67,7 +69,7 @@ pub struct Embedded {
     /// The record.
     pub record: Record,
     /// The marked file.
-    pub bytes: Bytes,
+    pub content: Content,
     /// An earlier request with the same idempotency key made it.
     pub replayed: bool,
 }
@@ -192,9 +194,18 @@ impl Service {
             created_at: now()?,
             revoked_at: None,
         };
-        let file = request.keep_file.then(|| done.marked.clone());
-        self.register(&record, file, done.host, idempotency).await?;
-        Ok(Embedded { record, bytes: done.marked, replayed: false })
+        let (host, marked) = (done.host, done.marked);
+        let content = if record.file_kept {
+            let file = packed(marked, record.marked_sha256).await?;
+            self.register(&record, Some(file), host, idempotency).await?;
+            self.content(&record).await?
+        } else {
+            // Before it is registered: it may not fit on the disk.
+            let content = self.spooled(id, marked).await?;
+            self.register(&record, None, host, idempotency).await?;
+            content
+        };
+        Ok(Embedded { record, content, replayed: false })
     }
 
     /// Without `on_existing` nobody looks what the host carries.
@@ -271,10 +282,10 @@ impl Service {
     ) -> Result<Embedded, ServiceError> {
         let record = self.live_record(entry).await?;
         takes(&request.formats, record.format)?;
-        let bytes = self.made_before(request, record).await?;
+        let content = self.made_before(request, record).await?;
         // It may have been revoked while the file was fetched or made again.
         let record = self.live_record(entry).await?;
-        Ok(Embedded { record, bytes, replayed: true })
+        Ok(Embedded { record, content, replayed: true })
     }
 
     /// The record of an idempotency key, unless it was revoked.
@@ -292,12 +303,13 @@ impl Service {
         self: &Arc<Self>,
         request: EmbedRequest,
         record: Record,
-    ) -> Result<Bytes, ServiceError> {
+    ) -> Result<Content, ServiceError> {
         let id = record.id;
-        if record.file_kept
-            && let Some(bytes) = self.blobs.get(Kind::File, id).await?
-        {
-            return Ok(bytes);
+        if record.file_kept {
+            match self.content(&record).await {
+                Ok(content) => return Ok(content),
+                Err(error) => error!(%id, %error, "a marked file is made again"),
+            }
         }
         // Marking is deterministic: the same host, key and message give the same bytes.
         let message = Message::from_bytes(&record.message, record.bits)?;
@@ -308,7 +320,12 @@ impl Service {
         if done.marked_sha256 != record.marked_sha256 {
             return Err(ServiceError::CannotRemake(id));
         }
-        Ok(done.marked)
+        if record.file_kept {
+            let file = packed(done.marked, record.marked_sha256).await?;
+            self.blobs.put(Kind::File, id, file).await?;
+            return self.content(&record).await;
+        }
+        self.spooled(id, done.marked).await
     }
 }
 

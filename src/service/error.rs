@@ -52,6 +52,18 @@ pub enum ServiceError {
          and parameters to get the same bytes"
     )]
     FileNotKept(Uuid),
+    /// The marked file should be in the store, and is not, or not as it was.
+    #[error(
+        "the marked file of {id} was kept and cannot be read now ({reason}); tell the operator: \
+         a backup of the data directory has it, and sending the host again with the same \
+         Idempotency-Key and parameters makes it again"
+    )]
+    FileLost {
+        /// The record.
+        id: Uuid,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// The idempotency key stands for another request.
     #[error(
         "this Idempotency-Key was used for another request (other parameters or another file); use \
@@ -94,6 +106,15 @@ pub enum ServiceError {
     /// The pool did not run the job.
     #[error(transparent)]
     Job(#[from] JobError),
+    /// Too many uploads, or too large ones, are on their way.
+    #[error("{0}; try again shortly")]
+    UploadsFull(String),
+    /// The disk is full, or nearly.
+    #[error(
+        "the disk of the service is full ({0}); nothing was registered; try again later, or tell \
+         the operator"
+    )]
+    StorageFull(String),
     /// A bug or a broken machine: the text is for the log.
     #[error("{0}")]
     Internal(String),
@@ -113,6 +134,8 @@ impl ServiceError {
             Self::Job(JobError::ShuttingDown | JobError::DeadlinePassed) => {
                 Some(Duration::from_secs(10))
             }
+            Self::UploadsFull(_) => Some(Duration::from_secs(5)),
+            Self::StorageFull(_) => Some(Duration::from_mins(1)),
             Self::IdempotencyInProgress => Some(Duration::from_secs(1)),
             _ => None,
         }
@@ -142,4 +165,54 @@ macro_rules! internal {
         }
     )*};
 }
-internal!(BlobError RegistryError KeyError GeometryError std::io::Error);
+internal!(KeyError GeometryError);
+
+macro_rules! disk_or_internal {
+    ($($error:ty)*) => {$(
+        impl From<$error> for ServiceError {
+            fn from(error: $error) -> Self {
+                if is_full(&error) {
+                    return Self::StorageFull("it has no room left".to_owned());
+                }
+                Self::Internal(error.to_string())
+            }
+        }
+    )*};
+}
+disk_or_internal!(BlobError std::io::Error);
+
+impl From<RegistryError> for ServiceError {
+    fn from(error: RegistryError) -> Self {
+        if error.is_full() || is_full(&error) {
+            return Self::StorageFull("the registry has no room left".to_owned());
+        }
+        Self::Internal(error.to_string())
+    }
+}
+
+/// Whether an error, or what caused it, is that the disk has no room (or its user no more of it).
+fn is_full(error: &(dyn std::error::Error + 'static)) -> bool {
+    use std::io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+    let causes = std::iter::successors(Some(error), |error| error.source());
+    causes.filter_map(|error| error.downcast_ref::<std::io::Error>()).any(|error| {
+        matches!(error.kind(), StorageFull | QuotaExceeded | FileTooLarge)
+            || error.get_ref().is_some_and(|inner| is_full(inner))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io;
+
+    #[test]
+    fn a_full_disk_is_seen_through_its_wrappers() {
+        let full = || io::Error::from(io::ErrorKind::StorageFull);
+        for error in [full(), io::Error::other(full()), io::Error::other(io::Error::other(full()))]
+        {
+            assert!(matches!(ServiceError::from(error), ServiceError::StorageFull(_)));
+        }
+        let other = io::Error::from(io::ErrorKind::PermissionDenied);
+        assert!(matches!(ServiceError::from(other), ServiceError::Internal(_)));
+    }
+}

@@ -3,6 +3,8 @@
 //! Transactions and the order of work live here, nowhere else. Must not know about HTTP, nor how
 //! records and files are stored.
 
+mod admission;
+mod content;
 mod embed;
 mod error;
 mod existing;
@@ -28,17 +30,20 @@ use std::time::{Duration, Instant};
 use tokio_util::task::TaskTracker;
 use tracing::info;
 
+use admission::{Limits, Uploads};
+
 use crate::blobs::{BlobError, Blobs};
 use crate::config::{Config, MEMORY_PER_UPLOAD_BYTE, SecretText};
 use crate::jobs::{JobError, Pool, Stop};
 use crate::keys::{KeyError, KeyRing};
 use crate::registry::{Registry, RegistryError, Sqlite};
 
+pub use admission::Admission;
+pub use content::{Content, Parts};
 pub use embed::{EmbedRequest, Embedded};
 pub use error::ServiceError;
 pub use existing::OnExisting;
 pub use inspect::Inspected;
-pub use records::MarkedFile;
 pub use spool::{Spool, Spooled};
 pub use text::Text;
 pub use verdict::{
@@ -95,6 +100,7 @@ pub struct Service {
     /// Work that outlives the connection it began on.
     tasks: TaskTracker,
     spool_directory: PathBuf,
+    uploads: Uploads,
     /// Verdicts are not kept.
     only_reads: bool,
 }
@@ -148,7 +154,13 @@ impl Service {
         spool_directory: PathBuf,
         only_reads: bool,
     ) -> Arc<Self> {
+        let limits = Limits {
+            uploads: config.max_uploads,
+            bytes: if only_reads { u64::MAX } else { config.upload_budget_bytes },
+            free_bytes: if only_reads { 0 } else { config.min_free_bytes },
+        };
         Arc::new(Self {
+            uploads: Uploads::new(limits, &spool_directory),
             pool: Pool::new(config.workers, config.queue, config.memory_budget_bytes),
             known: known::Known::default(),
             hosts: hosts::Hosts::default(),
@@ -206,12 +218,20 @@ impl Service {
         self.known.len()
     }
 
-    /// Begins an upload.
+    /// Takes an upload on, before its bytes are read: it declares so many, or none.
     ///
     /// # Errors
-    /// [`ServiceError::Internal`]: the disk.
-    pub fn spool(&self) -> Result<Spool, ServiceError> {
-        Ok(Spool::begin(&self.spool_directory)?)
+    /// [`ServiceError::UploadsFull`], [`ServiceError::StorageFull`].
+    pub fn admit_upload(&self, declared: Option<u64>) -> Result<Admission, ServiceError> {
+        self.uploads.admit(declared.unwrap_or(0))
+    }
+
+    /// Begins to keep an upload.
+    ///
+    /// # Errors
+    /// [`ServiceError::Internal`], [`ServiceError::StorageFull`]: the disk.
+    pub fn spool(&self, admission: Admission) -> Result<Spool, ServiceError> {
+        Ok(Spool::begin(&self.spool_directory, admission)?)
     }
 
     /// Whether requests can be served.
@@ -223,6 +243,7 @@ impl Service {
         if self.pool.check() == Err(JobError::ShuttingDown) {
             return Err(JobError::ShuttingDown.into());
         }
+        self.uploads.check_disk()?;
         Ok(self.registry.ping().await?)
     }
 

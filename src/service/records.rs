@@ -1,27 +1,16 @@
-//! Records: one, a page, its file, and revoking it.
+//! Records: one, a page, and revoking it.
 
 use std::sync::Arc;
 
-use bytes::Bytes;
 use uuid::Uuid;
 
 use super::embed::now;
 use super::known::codeword;
 use super::{Service, ServiceError};
-use crate::blobs::Kind;
 use crate::registry::{Cursor, Filter, Order, Page, Record, RegistryError};
 
 /// Most records on one page.
 pub const LONGEST_PAGE: u32 = 200;
-
-/// A marked file, again.
-#[derive(Debug)]
-pub struct MarkedFile {
-    /// Its record.
-    pub record: Record,
-    /// Its bytes.
-    pub bytes: Bytes,
-}
 
 impl Service {
     /// One record, revoked or not.
@@ -63,19 +52,6 @@ impl Service {
             }
             page => Ok(page?),
         }
-    }
-
-    /// The marked file of a record.
-    ///
-    /// # Errors
-    /// [`ServiceError::FileNotKept`].
-    pub async fn marked_file(&self, id: Uuid) -> Result<MarkedFile, ServiceError> {
-        let record = self.record(id).await?;
-        if !record.file_kept {
-            return Err(ServiceError::FileNotKept(id));
-        }
-        let bytes = self.blobs.get(Kind::File, id).await?.ok_or(ServiceError::FileNotKept(id))?;
-        Ok(MarkedFile { record, bytes })
     }
 
     /// Revokes a mark: it is kept and no longer searched. Doing it twice changes nothing.

@@ -9,6 +9,9 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
+use super::ServiceError;
+use super::admission::Admission;
+
 /// Bytes gathered before a blocking thread is asked to write them.
 const STEP: usize = 1 << 20;
 
@@ -22,6 +25,8 @@ pub struct Spooled {
     pub sha256: [u8; 32],
     /// The file name that the client gave, unchecked: for showing, never for opening.
     pub name: Option<String>,
+    /// What it takes of the disk, until it is dropped.
+    _admission: Admission,
 }
 
 impl Spooled {
@@ -45,6 +50,7 @@ pub struct Spool {
 }
 
 struct Sink {
+    admission: Admission,
     file: File,
     hash: Sha256,
     bytes: u64,
@@ -55,22 +61,24 @@ impl Spool {
     ///
     /// # Errors
     /// What the system said.
-    pub fn begin(directory: &Path) -> io::Result<Self> {
+    pub(super) fn begin(directory: &Path, admission: Admission) -> io::Result<Self> {
         let file = tempfile::tempfile_in(directory)?;
-        Ok(Self { sink: Sink { file, hash: Sha256::new(), bytes: 0 }, waiting: Vec::new() })
+        let sink = Sink { admission, file, hash: Sha256::new(), bytes: 0 };
+        Ok(Self { sink, waiting: Vec::new() })
     }
 
     /// Takes the next bytes.
     ///
     /// # Errors
-    /// What the system said: a full disk, mostly.
-    pub async fn write(mut self, chunk: &[u8]) -> io::Result<Self> {
+    /// [`ServiceError::UploadsFull`], [`ServiceError::StorageFull`], or what else the system said.
+    pub async fn write(mut self, chunk: &[u8]) -> Result<Self, ServiceError> {
         self.waiting.extend_from_slice(chunk);
         if self.waiting.len() >= STEP { self.flush().await } else { Ok(self) }
     }
 
-    async fn flush(mut self) -> io::Result<Self> {
+    async fn flush(mut self) -> Result<Self, ServiceError> {
         tokio::task::spawn_blocking(move || {
+            self.sink.admission.grow(self.waiting.len() as u64)?;
             self.sink.file.write_all(&self.waiting)?;
             self.sink.hash.update(&self.waiting);
             self.sink.bytes += self.waiting.len() as u64;
@@ -78,29 +86,34 @@ impl Spool {
             Ok(self)
         })
         .await
-        .map_err(io::Error::other)?
+        .map_err(|error| ServiceError::Internal(format!("spooling an upload: {error}")))?
     }
 
     /// Ends the upload.
     ///
     /// # Errors
-    /// What the system said.
-    pub async fn end(self, name: Option<String>) -> io::Result<Spooled> {
-        let Sink { file, hash, bytes } = self.flush().await?.sink;
-        Ok(Spooled { file, bytes, sha256: hash.finalize().into(), name })
+    /// As [`Spool::write`].
+    pub async fn end(self, name: Option<String>) -> Result<Spooled, ServiceError> {
+        let Sink { mut admission, file, hash, bytes } = self.flush().await?.sink;
+        admission.arrived();
+        let sha256 = hash.finalize().into();
+        Ok(Spooled { file, bytes, sha256, name, _admission: admission })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::service::admission::{Limits, Uploads};
 
     #[tokio::test]
     async fn what_goes_in_comes_out() {
         let directory = tempfile::tempdir().unwrap();
+        let limits = Limits { uploads: 1, bytes: 10 << 20, free_bytes: 0 };
+        let uploads = Uploads::new(limits, directory.path());
         for length in [0, 1, STEP - 1, STEP, 3 * STEP + 5] {
             let bytes: Vec<u8> = (0..=255).cycle().take(length).collect();
-            let mut spool = Spool::begin(directory.path()).unwrap();
+            let mut spool = Spool::begin(directory.path(), uploads.admit(0).unwrap()).unwrap();
             for chunk in bytes.chunks(100_000) {
                 spool = spool.write(chunk).await.unwrap();
             }

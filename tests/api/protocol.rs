@@ -23,7 +23,7 @@ async fn answer(mut stream: TcpStream) -> String {
 
 fn head(length: usize) -> String {
     format!(
-        "POST /v1/watermarks?owner_id=acme HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\
+        "POST /v1/watermarks?owner_id=acme HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\
          Content-Length: {length}\r\n\r\n"
     )
 }
@@ -98,7 +98,7 @@ async fn a_client_that_sends_on_still_reads_the_refusal() {
     let server =
         Server::with(Settings { max_body_bytes: Some(limit), ..Settings::default() }).await;
     let length = 64 << 20;
-    let chunked = "POST /v1/watermarks?owner_id=acme HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\
+    let chunked = "POST /v1/watermarks?owner_id=acme HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\
                    Transfer-Encoding: chunked\r\n\r\n";
     for (head, framed) in [(head(length), false), (chunked.to_owned(), true)] {
         let stream = connect(&server, &head).await;
@@ -135,7 +135,9 @@ async fn expect_continue() {
     let limit = 10 << 20;
     let server =
         Server::with(Settings { max_body_bytes: Some(limit), ..Settings::default() }).await;
-    let head = |length: usize| head(length).replace("Host: x", "Host: x\r\nExpect: 100-continue");
+    let head = |length: usize| {
+        head(length).replace("Host: localhost", "Host: localhost\r\nExpect: 100-continue")
+    };
     // Too large: refused before the first byte.
     assert_problem(&answer(connect(&server, &head(300 << 20)).await).await, 413, "too_large");
     let mut stream = connect(&server, &head(obj().len())).await;

@@ -32,7 +32,7 @@ impl Server {
         Self::on(tempfile::tempdir().unwrap(), settings).await
     }
 
-    async fn on(directory: tempfile::TempDir, settings: Settings) -> Self {
+    pub(crate) async fn on(directory: tempfile::TempDir, settings: Settings) -> Self {
         let own = Settings { data: Some(directory.path().join("data")), ..Settings::default() };
         let config = Config::decide(own.over(settings.clone())).unwrap();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();

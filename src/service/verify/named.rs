@@ -155,7 +155,6 @@ impl Service {
 mod tests {
     use std::sync::Arc;
 
-    use super::super::super::Spool;
     use super::super::super::test_support::{keys, service};
     use super::super::Depth;
     use super::*;
@@ -164,7 +163,8 @@ mod tests {
 
     async fn request(service: &Service, owner_id: Option<&str>, id: Option<Uuid>) -> VerifyRequest {
         let obj = to_obj(&Sample::Blob.mesh(2_000).unwrap());
-        let spool = Spool::begin(&service.spool_directory).unwrap().write(&obj).await.unwrap();
+        let spool =
+            service.spool(service.admit_upload(None).unwrap()).unwrap().write(&obj).await.unwrap();
         VerifyRequest {
             file: spool.end(None).await.unwrap(),
             owner_id: owner_id.map(|owner_id| Text::parse("owner_id", owner_id).unwrap()),

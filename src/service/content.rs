@@ -1,0 +1,138 @@
+//! Marked files on their way out: read as they are asked for, never whole in memory.
+
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom, Write};
+use std::ops::Range;
+
+use bytes::Bytes;
+use futures::stream::BoxStream;
+use futures::{StreamExt as _, TryStreamExt as _, stream};
+use tokio::io::{AsyncReadExt as _, AsyncSeekExt as _};
+use tokio_util::io::ReaderStream;
+use tracing::error;
+use uuid::Uuid;
+
+use super::{Service, ServiceError};
+use crate::blobs::{StoredFile, marked};
+use crate::registry::Record;
+
+/// Bytes of one step of reading a temporary file.
+const STEP: usize = 256 << 10;
+
+/// Bytes of an answer, as they are read.
+pub type Parts = BoxStream<'static, io::Result<Bytes>>;
+
+/// A marked file that is there and can be read.
+#[derive(Debug)]
+pub struct Content {
+    id: Uuid,
+    bytes: u64,
+    source: Source,
+}
+
+#[derive(Debug)]
+enum Source {
+    /// In the blob store.
+    Stored(StoredFile),
+    /// In a nameless temporary file: marked files that are not kept.
+    Spooled(File),
+}
+
+impl Content {
+    /// Length of the whole file.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Begins to read a part. Its first step is read before this returns, so that a file that is
+    /// damaged where the part begins is an error and no answer. What fails later is logged, and
+    /// ends the stream with an error.
+    ///
+    /// # Errors
+    /// [`ServiceError::FileLost`].
+    pub async fn begin(self, range: Range<u64>) -> Result<Parts, ServiceError> {
+        let id = self.id;
+        let mut parts: BoxStream<'static, Result<Bytes, String>> = match self.source {
+            Source::Stored(file) => file.stream(range).map_err(|error| error.to_string()).boxed(),
+            Source::Spooled(file) => {
+                let mut file = tokio::fs::File::from_std(file);
+                file.seek(SeekFrom::Start(range.start)).await?;
+                let part = file.take(range.end.saturating_sub(range.start));
+                let steps = ReaderStream::with_capacity(part, STEP);
+                steps.map_err(|error| error.to_string()).boxed()
+            }
+        };
+        let first = parts.try_next().await;
+        let first = first.map_err(|reason| ServiceError::FileLost { id, reason })?;
+        let rest = parts.map_err(move |reason| {
+            error!(%id, reason, "a marked file cannot be read to its end; its answer is cut off");
+            io::Error::other(reason)
+        });
+        Ok(stream::iter(first.map(Ok)).chain(rest).boxed())
+    }
+}
+
+impl Service {
+    /// Opens the marked file of a record, from the store.
+    ///
+    /// # Errors
+    /// [`ServiceError::FileNotKept`]; [`ServiceError::FileLost`] where it should be and is not, or
+    /// is another file.
+    pub async fn content(&self, record: &Record) -> Result<Content, ServiceError> {
+        let id = record.id;
+        if !record.file_kept {
+            return Err(ServiceError::FileNotKept(id));
+        }
+        let lost = |reason: String| ServiceError::FileLost { id, reason };
+        let file = match self.blobs.open_file(id).await {
+            Ok(file) => file.ok_or_else(|| lost("it is not in the store".to_owned()))?,
+            Err(error) => return Err(lost(error.to_string())),
+        };
+        let same = file.sha256().is_none_or(|sha256| sha256 == record.marked_sha256);
+        if !same || file.bytes() != record.marked_bytes {
+            return Err(lost("another file is in its place".to_owned()));
+        }
+        Ok(Content { id, bytes: record.marked_bytes, source: Source::Stored(file) })
+    }
+
+    /// The record of a marked file that is kept and is in the store. Nothing of the file is read.
+    ///
+    /// # Errors
+    /// [`ServiceError::UnknownWatermark`], [`ServiceError::FileNotKept`],
+    /// [`ServiceError::FileLost`].
+    pub async fn kept_file(&self, id: Uuid) -> Result<Record, ServiceError> {
+        let record = self.record(id).await?;
+        if !record.file_kept {
+            return Err(ServiceError::FileNotKept(id));
+        }
+        if !self.blobs.has_file(id).await? {
+            let reason = "it is not in the store".to_owned();
+            return Err(ServiceError::FileLost { id, reason });
+        }
+        Ok(record)
+    }
+
+    /// A marked file that is not kept, in a temporary file: a client that reads slowly must not
+    /// hold it in memory.
+    pub(super) async fn spooled(&self, id: Uuid, marked: Bytes) -> Result<Content, ServiceError> {
+        let directory = self.spool_directory.clone();
+        let bytes = marked.len() as u64;
+        let written = tokio::task::spawn_blocking(move || {
+            let mut file = tempfile::tempfile_in(directory)?;
+            file.write_all(&marked)?;
+            file.rewind()?;
+            Ok::<_, io::Error>(file)
+        });
+        let file = written.await.map_err(io::Error::other)??;
+        Ok(Content { id, bytes, source: Source::Spooled(file) })
+    }
+}
+
+/// A marked file as it is stored. Compressing takes a fraction of what marking took, on a blocking
+/// thread.
+pub(super) async fn packed(marked: Bytes, sha256: [u8; 32]) -> Result<Bytes, ServiceError> {
+    let packed = tokio::task::spawn_blocking(move || marked::pack(&marked, &sha256));
+    let packed = packed.await.map_err(|error| ServiceError::Internal(error.to_string()))?;
+    Ok(packed.map_err(|error| ServiceError::Internal(error.to_string()))?.into())
+}
