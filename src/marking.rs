@@ -5,6 +5,7 @@
 //! parsed again from nothing, extracted blindly and compared, and independent readers must find
 //! the same topology as in the host.
 
+mod inspect;
 mod within;
 
 use serde::{Serialize, Serializer};
@@ -15,9 +16,10 @@ use crate::mesh::quality::{Quality, quality};
 use crate::mesh::surface::Surface;
 use crate::watermark::{
     BitCount, Codeword, EmbedParams, Embedding, Extraction, Frame, Host, MarkKey, Message, Method,
-    Modulation, Reading, Strength, WatermarkError, embed, extract_from_surface, needed_bins,
+    Modulation, Strength, WatermarkError, embed, extract_from_surface, needed_bins,
 };
 
+pub use inspect::{Inspection, inspect, inspect_asset};
 pub use within::MaxDistortion;
 
 /// Why a file was not marked.
@@ -290,102 +292,4 @@ pub fn extract_file(
 ) -> Result<Extraction, MarkError> {
     let surface = Surface::new(Asset::read(bytes, limits)?.mesh());
     Ok(extract_from_surface(&surface, key, bits, modulation)?)
-}
-
-/// What a file is and how well it can carry a mark.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Inspection {
-    /// `obj`, `gltf` or `glb`.
-    pub format: &'static str,
-    /// Vertices of the file.
-    pub vertices: usize,
-    /// Triangles of the file.
-    pub triangles: usize,
-    /// Distinct points that a triangle with area uses.
-    pub carriers: usize,
-    /// Bounding-box diagonal of the carriers, in the file's unit.
-    pub diagonal: f64,
-    /// Area-weighted centre.
-    pub centre: [f64; 3],
-    /// Smallest vertex norm.
-    pub rho_min: f64,
-    /// Largest vertex norm.
-    pub rho_max: f64,
-    /// How many bits were asked about.
-    pub bits: usize,
-    /// Bins with enough vertices in the poorest of all lattice classes.
-    pub usable_bins: usize,
-    /// Bins that a mark needs.
-    pub needed_bins: usize,
-    /// Vertices of the median bin, in the poorest class.
-    pub median_count: usize,
-    /// Vertices of the poorest bin of that class.
-    pub least_count: usize,
-    /// Whether a mark of this size can be tried. Whether its bins can really be moved shows in
-    /// the embedding itself.
-    pub markable: bool,
-    /// Expected signal of a median bin over its sampling noise, `strength sqrt(n) / sigma`, with
-    /// sigma of an even bin: what the mark has to spare against noise.
-    pub expected_margin: f64,
-    /// Decimal logarithm of the best false-positive bound that a mark can reach before
-    /// hypotheses are counted.
-    pub best_log10_fp: f64,
-}
-
-/// Looks at a file without marking it.
-///
-/// # Errors
-/// [`MarkError::Format`] or [`WatermarkError::NoRadialExtent`].
-pub fn inspect(
-    bytes: &[u8],
-    params: &EmbedParams,
-    limits: &Limits,
-) -> Result<Inspection, MarkError> {
-    inspect_asset(&Asset::read(bytes, limits)?, params)
-}
-
-/// Looks at what was read from a file.
-///
-/// # Errors
-/// [`WatermarkError::NoRadialExtent`].
-pub fn inspect_asset(asset: &Asset, params: &EmbedParams) -> Result<Inspection, MarkError> {
-    let surface = Surface::new(asset.mesh());
-    let centre = surface.centre();
-    let norms = crate::watermark::bins::norms(&surface.positions, centre);
-    let frame = Frame::spanning(centre, &norms);
-    let modulation = params.method.modulation();
-    let poorest = (0..=u8::MAX)
-        .filter_map(|class| Reading::in_frame(frame, &norms, class, params.bits, modulation))
-        .map(|reading| {
-            let mut counts: Vec<usize> = reading.statistics.iter().map(|s| s.count).collect();
-            counts.sort_unstable();
-            (reading.statistics.iter().filter(|s| !s.is_erasure()).count(), counts)
-        })
-        .min()
-        .ok_or(WatermarkError::NoRadialExtent { vertices: norms.len() })?;
-    let (usable_bins, counts) = poorest;
-    let median_count = counts.get(counts.len() / 2).copied().unwrap_or(0);
-    let sigma = match modulation {
-        Modulation::Mean => (1.0_f64 / 12.0).sqrt(),
-        Modulation::Variance => (4.0_f64 / 45.0).sqrt(),
-    };
-    let needed = needed_bins(params.bits.get());
-    Ok(Inspection {
-        format: asset.format().extension(),
-        vertices: asset.mesh().positions().len(),
-        triangles: asset.mesh().triangles().len(),
-        carriers: surface.positions.len(),
-        diagonal: surface.diagonal(),
-        centre: centre.to_array(),
-        rho_min: frame.rho_min,
-        rho_max: frame.rho_max,
-        bits: params.bits.get(),
-        usable_bins,
-        needed_bins: needed,
-        median_count,
-        least_count: counts.first().copied().unwrap_or(0),
-        markable: usable_bins >= needed,
-        expected_margin: params.strength.get() * (median_count as f64).sqrt() / sigma,
-        best_log10_fp: -(usable_bins as f64) * std::f64::consts::LOG10_2,
-    })
 }

@@ -4,7 +4,7 @@ use utoipa::OpenApi;
 
 use super::contract::complete;
 use super::error::ProblemBody;
-use super::{inspections, operations, schemas, verifications, watermarks, wire};
+use super::{forms, inspections, operations, schemas, verifications, watermarks, wire};
 use crate::service::Verification;
 
 #[derive(OpenApi)]
@@ -45,9 +45,9 @@ use crate::service::Verification;
         wire::WatermarkPageBody,
         wire::InspectionBody,
         wire::HealthBody,
-        wire::EmbedForm,
-        wire::VerifyForm,
-        wire::InspectForm,
+        forms::EmbedForm,
+        forms::VerifyForm,
+        forms::InspectForm,
     )),
     tags(
         (name = "watermarks", description = "Mark meshes; see, list and revoke marks"),

@@ -5,9 +5,10 @@ use axum::extract::{Request, State};
 
 use super::App;
 use super::error::ApiError;
+use super::forms::InspectForm;
 use super::upload::receive;
 use super::watermarks::{parse_bits, parse_strength};
-use super::wire::{InspectForm, InspectionBody};
+use super::wire::InspectionBody;
 use crate::watermark::EmbedParams;
 
 const FIELDS: &[&str] = &["method", "strength", "bits"];

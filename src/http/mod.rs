@@ -15,6 +15,7 @@ mod download;
 mod envelope;
 mod error;
 mod fields;
+mod forms;
 mod inspections;
 mod intake;
 mod metrics;

@@ -5,9 +5,9 @@ use axum::extract::{Path, Request, State};
 
 use super::App;
 use super::error::ApiError;
+use super::forms::VerifyForm;
 use super::upload::receive;
 use super::watermarks::parse_id;
-use super::wire::VerifyForm;
 use crate::service::{Verification, VerifyRequest};
 
 const FIELDS: &[&str] = &["owner_id", "watermark_id", "depth"];

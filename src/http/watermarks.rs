@@ -14,9 +14,10 @@ use super::code::Code;
 use super::conditional::{Outcome, evaluate, range_applies};
 use super::download::{EXISTING, answer_file, etag};
 use super::error::ApiError;
+use super::forms::EmbedForm;
 use super::range::{self, wanted};
 use super::upload::receive;
-use super::wire::{EmbedForm, PageQuery, WatermarkBody, WatermarkPageBody};
+use super::wire::{PageQuery, WatermarkBody, WatermarkPageBody};
 use crate::registry::{Filter, Order};
 use crate::service::{EmbedRequest, Embedded, OnExisting, Text};
 use crate::watermark::{BitCount, Strength};
@@ -92,12 +93,11 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
     let id = record.id.to_string();
     let location = format!("/v1/watermarks/{id}");
     let link = format!("<{location}>; rel=\"describedby\"");
-    let mut response = match accept.wanted(record.format) {
-        Some(Wanted::Record) => Json(WatermarkBody::from(record)).into_response(),
-        _ => {
-            let bytes = content.bytes();
-            answer_file(&record, Body::from_stream(content.begin(0..bytes).await?), bytes)
-        }
+    let mut response = if accept.wanted(record.format) == Some(Wanted::Record) {
+        Json(WatermarkBody::from(record)).into_response()
+    } else {
+        let bytes = content.bytes();
+        answer_file(&record, Body::from_stream(content.begin(0..bytes).await?), bytes)
     };
     *response.status_mut() = StatusCode::CREATED;
     let headers = response.headers_mut();

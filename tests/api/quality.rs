@@ -38,6 +38,40 @@ async fn the_answer_and_the_record_tell_what_the_mark_did() {
     assert_eq!(server.get_json(&path).await, answered);
 }
 
+/// The coordinates of an OBJ, as they are spelled.
+fn coordinates(obj: &[u8]) -> Vec<&str> {
+    let lines = std::str::from_utf8(obj).unwrap().lines();
+    lines.filter_map(|line| line.strip_prefix("v ")).flat_map(|line| line.split(' ')).collect()
+}
+
+fn decimals(word: &str) -> usize {
+    word.split_once('.').map_or(0, |(_, digits)| digits.len())
+}
+
+/// A host with the sample's six decimals keeps them; one with three gets more, and the record says of
+/// how many coordinates.
+#[tokio::test(flavor = "multi_thread")]
+async fn coordinates_keep_their_decimals_or_are_counted() {
+    let server = Server::start().await;
+    let text = std::str::from_utf8(obj()).unwrap();
+    let short = |line: &str| match line.strip_prefix("v ") {
+        Some(rest) => {
+            let words = rest.split(' ').map(|word| word.split_at(word.len() - 3).0.to_owned());
+            format!("v {}\n", words.collect::<Vec<_>>().join(" "))
+        }
+        None => format!("{line}\n"),
+    };
+    let coarse: String = text.lines().map(short).collect();
+    for (host, keeps) in [(obj(), true), (coarse.as_bytes(), false)] {
+        let (id, file) = server.mark(host, "acme").await;
+        let pairs = coordinates(host).into_iter().zip(coordinates(&file));
+        let more = pairs.filter(|(before, after)| decimals(after) > decimals(before)).count();
+        assert_eq!(more == 0, keeps);
+        let record = server.get_json(&format!("/v1/watermarks/{id}")).await;
+        assert_eq!(record["quality"]["more_decimals"], more, "{record}");
+    }
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn the_strongest_mark_within_the_distortion_is_made() {
     let server = Server::start().await;

@@ -55,7 +55,8 @@ impl Precision {
             // Beyond the reach of fixed point the last that is within it must do.
             let Some((steps, power)) = longer.steps(host) else { break };
             spelling = longer;
-            if steps as f64 / power == host {
+            // (Plus zero: -0 is 0.)
+            if (steps as f64 / power).to_bits() == (host + 0.0).to_bits() {
                 break;
             }
         }
@@ -200,7 +201,7 @@ mod tests {
             (4, 0.5, 4),
             (4, 0.123_456, 6),
             (4, -0.123_456_78, 8),
-            (4, 1234.123_456, 6),
+            (4, 1_234.123_456, 6),
             (6, 0.1, 6),
             (0, 7.0, 0),
             (0, -0.0, 0),
