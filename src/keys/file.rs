@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 use super::{KeyError, MasterKey, key_from_hex};
 use crate::durable::{create_directory, sync_parent};
 
+/// What follows the name of the key file in that of a new one, until it is whole.
+const BESIDE: &str = ".new-";
+
 pub(super) fn parse(text: &str) -> Result<Vec<MasterKey>, (usize, &'static str)> {
     let mut keys: Vec<MasterKey> = Vec::new();
     for (index, line) in text.lines().enumerate() {
@@ -45,7 +48,8 @@ pub(super) fn check_mode(file: &File, path: &Path) -> Result<(), KeyError> {
     let metadata =
         file.metadata().map_err(|source| KeyError::Io { path: path.to_owned(), source })?;
     let mode = metadata.permissions().mode() & 0o777;
-    if mode & 0o077 != 0 {
+    // A group may read (a mounted secret mostly belongs to one), nobody but the owner write.
+    if mode & 0o027 != 0 {
         return Err(KeyError::Exposed { path: path.to_owned(), mode });
     }
     Ok(())
@@ -67,7 +71,7 @@ fn private_file(path: &Path) -> io::Result<File> {
 /// A whole new file beside `path`, on the disk before it gets its name.
 fn written_beside(path: &Path, text: &str) -> io::Result<PathBuf> {
     let mut name = path.as_os_str().to_owned();
-    name.push(format!(".new-{}", uuid::Uuid::now_v7().simple()));
+    name.push(format!("{BESIDE}{}", uuid::Uuid::now_v7().simple()));
     let beside = PathBuf::from(name);
     let mut file = private_file(&beside)?;
     file.write_all(text.as_bytes())?;
@@ -89,8 +93,83 @@ pub(super) fn write_new(path: &Path, text: &str) -> io::Result<()> {
     }
 }
 
-pub(super) fn replace(path: &Path, text: &str) -> io::Result<()> {
-    let beside = written_beside(path, text)?;
-    std::fs::rename(&beside, path)?;
-    sync_parent(path)
+/// The key file, locked against other processes that would change it.
+pub(super) struct Locked {
+    file: File,
+    /// The file itself, where `path` is a symbolic link.
+    pub(super) path: PathBuf,
+}
+
+/// Waits for the lock of a key file that is there.
+pub(super) fn lock(path: &Path) -> io::Result<Locked> {
+    loop {
+        let path = std::fs::canonicalize(path)?;
+        let file = File::open(&path)?;
+        file.lock()?;
+        // Whoever had the lock before may have put another file in its place.
+        if is_same(&file, &path)? {
+            return Ok(Locked { file, path });
+        }
+    }
+}
+
+#[cfg(unix)]
+fn is_same(file: &File, path: &Path) -> io::Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    let (open, named) = (file.metadata()?, std::fs::metadata(path)?);
+    Ok((open.dev(), open.ino()) == (named.dev(), named.ino()))
+}
+
+#[cfg(not(unix))]
+fn is_same(_: &File, _: &Path) -> io::Result<bool> {
+    Ok(true)
+}
+
+impl Locked {
+    /// Puts a new file in the place of the old one, with its owner, group and mode: a crash leaves one
+    /// of the two.
+    pub(super) fn replace(&self, text: &str) -> io::Result<()> {
+        let beside = written_beside(&self.path, text)?;
+        let replaced =
+            become_like(&beside, &self.file).and_then(|()| std::fs::rename(&beside, &self.path));
+        if replaced.is_err() {
+            let _ = std::fs::remove_file(&beside);
+        }
+        replaced?;
+        sync_parent(&self.path)
+    }
+
+    /// Removes new files that a crash left beside it, before they had its name; how many.
+    pub(super) fn remove_staging(&self) -> usize {
+        let Some(parent) = self.path.parent() else { return 0 };
+        let Some(name) = self.path.file_name().and_then(std::ffi::OsStr::to_str) else { return 0 };
+        let beginning = format!("{name}{BESIDE}");
+        let Ok(entries) = std::fs::read_dir(parent) else { return 0 };
+        let is_staging = |entry: &std::fs::DirEntry| {
+            entry.file_name().to_str().is_some_and(|name| name.starts_with(&beginning))
+        };
+        let staging = entries.filter_map(Result::ok).filter(is_staging);
+        staging.filter(|entry| std::fs::remove_file(entry.path()).is_ok()).count()
+    }
+}
+
+#[cfg(unix)]
+fn become_like(beside: &Path, model: &File) -> io::Result<()> {
+    use std::os::unix::fs::{MetadataExt, fchown};
+    let file = OpenOptions::new().write(true).open(beside)?;
+    let (new, old) = (file.metadata()?, model.metadata()?);
+    if (new.uid(), new.gid()) != (old.uid(), old.gid()) {
+        fchown(&file, Some(old.uid()), Some(old.gid())).map_err(|error| {
+            let what = "its new version cannot be given the owner and group of the old one; run this \
+                        as that owner, or as root";
+            io::Error::new(error.kind(), format!("{what} ({error})"))
+        })?;
+    }
+    file.set_permissions(old.permissions())?;
+    file.sync_all()
+}
+
+#[cfg(not(unix))]
+fn become_like(_: &Path, _: &File) -> io::Result<()> {
+    Ok(())
 }

@@ -15,7 +15,7 @@ use hkdf::Hkdf;
 use sha2::{Digest, Sha256};
 use zeroize::{Zeroize, Zeroizing};
 
-use file::{check_mode, parse, replace, write_new};
+use file::{check_mode, parse, write_new};
 
 /// Bytes of a master key, of a mark key and of a salt.
 pub const KEY_BYTES: usize = 32;
@@ -36,8 +36,12 @@ pub enum KeyError {
         /// What the system said.
         source: io::Error,
     },
-    /// Others than the owner can read or write the file.
-    #[error("the master key file {path} can be read by others (mode {mode:03o}): run chmod 600 {path}", path = path.display())]
+    /// Others than the owner and a group that may read it can read or write the file.
+    #[error(
+        "the master key file {path} can be read by others, or written by a group (mode \
+         {mode:03o}): run chmod 600 {path}, or 640 for a group that may read it",
+        path = path.display()
+    )]
     Exposed {
         /// The key file.
         path: PathBuf,
@@ -56,7 +60,8 @@ pub enum KeyError {
     },
     /// `QUADMARK_MASTER_KEY` is not a key.
     #[error(
-        "master_key must be 64 hexadecimal digits (32 bytes); make one with: openssl rand -hex 32"
+        "master_key must be 64 hexadecimal digits (32 bytes), or several such keys with commas \
+         between them, each once and the newest last; make one with: openssl rand -hex 32"
     )]
     BadMasterKey,
     /// A record names a key that is not in the ring.
@@ -113,13 +118,25 @@ impl fmt::Debug for KeyRing {
 }
 
 impl KeyRing {
-    /// One key from 64 hex digits (`QUADMARK_MASTER_KEY`), instead of a file.
+    /// Keys from 64 hex digits each (`QUADMARK_MASTER_KEY`), with commas or white space between them,
+    /// the current one last: instead of a file.
     ///
     /// # Errors
     /// [`KeyError::BadMasterKey`].
     pub fn from_hex(text: &str) -> Result<Self, KeyError> {
-        let bytes = key_from_hex(text.trim()).ok_or(KeyError::BadMasterKey)?;
-        Ok(Self { keys: vec![MasterKey::new(bytes)], file: None })
+        let mut keys: Vec<MasterKey> = Vec::new();
+        let words = text.split(|letter: char| letter == ',' || letter.is_whitespace());
+        for hex in words.filter(|word| !word.is_empty()) {
+            let key = MasterKey::new(key_from_hex(hex).ok_or(KeyError::BadMasterKey)?);
+            if keys.iter().any(|known| known.id == key.id) {
+                return Err(KeyError::BadMasterKey);
+            }
+            keys.push(key);
+        }
+        if keys.is_empty() {
+            return Err(KeyError::BadMasterKey);
+        }
+        Ok(Self { keys, file: None })
     }
 
     /// Reads the key file; where there is none, makes one with a fresh key, mode 0600.
@@ -167,23 +184,30 @@ impl KeyRing {
         Self::open(path)
     }
 
-    /// Appends a fresh key to the file and makes it the current one. Returns its id.
+    /// Removes what a crash left of a key file that was being written; how many files.
+    #[must_use]
+    pub fn remove_staging(path: &Path) -> usize {
+        file::lock(path).map_or(0, |locked| locked.remove_staging())
+    }
+
+    /// Appends a fresh key to the file, which keeps its owner and mode, and makes it the current one.
+    /// Keys that others have appended meanwhile stay. Returns its id.
     ///
     /// # Errors
     /// [`KeyError::NoFile`] for a ring from the environment; [`KeyError::Io`].
     pub fn rotate(&mut self) -> Result<String, KeyError> {
         let path = self.file.clone().ok_or(KeyError::NoFile)?;
         let failed = |source| KeyError::Io { path: path.clone(), source };
-        let key = MasterKey::random()?;
-        let mut text = Zeroizing::new(String::with_capacity((self.keys.len() + 1) * 80));
-        for known in self.keys.iter().chain(std::iter::once(&key)) {
-            text.push_str(&known.line());
+        let locked = file::lock(&path).map_err(failed)?;
+        let mut now = Self::open(&locked.path)?;
+        now.keys.push(MasterKey::random()?);
+        let mut text = Zeroizing::new(String::with_capacity(now.keys.len() * 80));
+        for key in &now.keys {
+            text.push_str(&key.line());
         }
-        // A new file in the place of the old one: a crash leaves all keys or all keys and one more.
-        replace(&path, &text).map_err(failed)?;
-        let id = key.id.clone();
-        self.keys.push(key);
-        Ok(id)
+        locked.replace(&text).map_err(failed)?;
+        std::mem::swap(&mut self.keys, &mut now.keys);
+        Ok(self.current().to_owned())
     }
 
     /// The ids, oldest first; the last one is current.
@@ -298,6 +322,73 @@ mod tests {
             assert!(error.contains("chmod 600"), "{error}");
         }
         assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn several_keys_by_environment_the_last_is_current() {
+        let other = "ab".repeat(32);
+        let (old, new) = (KeyRing::from_hex(KEY).unwrap(), KeyRing::from_hex(&other).unwrap());
+        for between in [",", ", ", "\n", " "] {
+            let ring = KeyRing::from_hex(&format!("{KEY}{between}{other}")).unwrap();
+            assert_eq!(ring.ids().collect::<Vec<_>>(), [old.current(), new.current()]);
+            assert_eq!(ring.current(), new.current());
+        }
+        for text in ["", " , ", &format!("{KEY},{KEY}"), &format!("{KEY},ab"), &KEY.repeat(2)] {
+            assert!(matches!(KeyRing::from_hex(text), Err(KeyError::BadMasterKey)), "{text}");
+        }
+    }
+
+    #[test]
+    fn rotations_at_once_lose_no_key() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("master.keys");
+        KeyRing::open_or_create(&path).unwrap();
+        let rotate = || {
+            // All begin with the file as it was before any of them.
+            let mut ring = KeyRing::open(&path).unwrap();
+            (0..4).map(|_| ring.rotate().unwrap()).collect::<Vec<String>>()
+        };
+        let made: Vec<String> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..8).map(|_| scope.spawn(rotate)).collect();
+            threads.into_iter().flat_map(|thread| thread.join().unwrap()).collect()
+        });
+        let ring = KeyRing::open(&path).unwrap();
+        assert_eq!((made.len(), ring.ids().count()), (32, 33));
+        assert!(made.iter().all(|id| ring.ids().any(|known| known == id)));
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn rotation_keeps_mode_and_symbolic_link_and_owner() {
+        use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown, symlink};
+        let directory = tempfile::tempdir().unwrap();
+        let (real, link) = (directory.path().join("real.keys"), directory.path().join("link.keys"));
+        KeyRing::open_or_create(&real).unwrap();
+        symlink(&real, &link).unwrap();
+        let set = |mode| {
+            std::fs::set_permissions(&real, std::fs::Permissions::from_mode(mode)).unwrap();
+        };
+        // Only root can give files away.
+        let given = chown(&real, Some(12345), Some(23456)).is_ok();
+        for mode in [0o600, 0o640, 0o440] {
+            set(mode);
+            // (Another user could not read it.)
+            KeyRing::open(&link).unwrap().rotate().unwrap();
+            let found = std::fs::metadata(&real).unwrap();
+            assert_eq!(found.permissions().mode() & 0o777, mode);
+            assert!(!given || (found.uid(), found.gid()) == (12345, 23456));
+        }
+        assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(KeyRing::open(&link).unwrap().ids().count(), 4);
+        for mode in [0o660, 0o644, 0o604, 0o620, 0o601] {
+            set(mode);
+            assert!(matches!(KeyRing::open(&link), Err(KeyError::Exposed { .. })), "{mode:o}");
+        }
+        set(0o600);
+        let left = directory.path().join("real.keys.new-0123");
+        std::fs::write(&left, "half").unwrap();
+        assert_eq!((KeyRing::remove_staging(&link), left.exists()), (1, false));
     }
 
     #[test]
