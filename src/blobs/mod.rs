@@ -1,21 +1,21 @@
-//! The blob store: marked files and host geometries, under the id of their record.
+//! The blob store: marked files under the id of their record, host geometries once each.
 //!
-//! `files/{id}` is the marked file (compressed, see [`marked`]), `hosts/{id}` the geometry of the
-//! host (see [`geometry`]). Each write is whole or not there. Blobs are written before their record is
-//! registered and removed when that fails; the service sweeps at the start what a crash left between
-//! the two. Must not know about HTTP, watermarks or records; nothing here is named by a user: the
-//! only path component is a record's id.
+//! `files/{id}` is the marked file (compressed, see [`marked`]), `hosts/{key}` the geometry of a host
+//! (see [`geometry`] and [`hosts`]; in data directories of before, `hosts/{id}`). Each write is whole
+//! or not there. Blobs are written before their record is registered and removed when that fails; what
+//! a crash left between the two, the service finds at the start. Must not know about HTTP, watermarks
+//! or records; nothing here is named by a user: path components are a record's id, or a hash.
 
 pub mod geometry;
+mod hosts;
 pub mod marked;
+mod quarantine;
 mod stored;
 
-use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use futures::TryStreamExt;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
 use object_store::{ObjectStore, ObjectStoreExt};
@@ -24,6 +24,9 @@ use uuid::Uuid;
 use crate::durable::create_directory;
 use marked::MarkedError;
 pub use stored::StoredFile;
+
+pub use hosts::GeometryKey;
+pub use quarantine::Name;
 
 /// Why a blob could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -37,6 +40,9 @@ pub enum BlobError {
     /// The thread that unpacks ended before it was done.
     #[error("a stored file could not be unpacked")]
     Unpacking,
+    /// There is no store.
+    #[error("there is no directory {0}")]
+    NoDirectory(String),
     /// The directory of the store cannot be made.
     #[error("the blob directory {path} cannot be created: {source}")]
     Directory {
@@ -52,7 +58,7 @@ pub enum BlobError {
 pub enum Kind {
     /// The marked file.
     File,
-    /// The host's geometry.
+    /// The host's geometry, as it was stored before hosts were stored once each.
     Host,
 }
 
@@ -75,6 +81,9 @@ impl Kind {
 #[derive(Debug, Clone)]
 pub struct Blobs {
     store: Arc<dyn ObjectStore>,
+    /// Where it is in the local file system.
+    directory: Option<PathBuf>,
+    held: hosts::Held,
 }
 
 impl Blobs {
@@ -92,8 +101,42 @@ impl Blobs {
                 source,
             })?;
         }
+        Self::over(directory)
+    }
+
+    /// A store that is there already; nothing is made.
+    ///
+    /// # Errors
+    /// [`BlobError::Store`] when it cannot be used.
+    pub fn there(directory: &Path) -> Result<Option<Self>, BlobError> {
+        if directory.is_dir() { Self::over(directory).map(Some) } else { Ok(None) }
+    }
+
+    fn over(directory: &Path) -> Result<Self, BlobError> {
         let store = LocalFileSystem::new_with_prefix(directory)?.with_fsync(true);
-        Ok(Self { store: Arc::new(store) })
+        let held = hosts::Held::default();
+        Ok(Self { store: Arc::new(store), directory: Some(directory.to_owned()), held })
+    }
+
+    /// Files of writes that did not end: of now, or of before a crash.
+    #[must_use]
+    pub fn staging(&self) -> Vec<PathBuf> {
+        // The store's own listing hides them: `{name}#{number}`.
+        let is_staging = |path: &PathBuf| {
+            let name = path.file_name().and_then(std::ffi::OsStr::to_str);
+            let number = name.and_then(|name| name.rsplit_once('#')).map(|(_, number)| number);
+            number.is_some_and(|it| !it.is_empty() && it.bytes().all(|b| b.is_ascii_digit()))
+        };
+        let Some(directory) = &self.directory else { return Vec::new() };
+        let below = Kind::ALL.map(|kind| std::fs::read_dir(directory.join(kind.directory())));
+        let entries = below.into_iter().filter_map(Result::ok).flatten().filter_map(Result::ok);
+        entries.map(|entry| entry.path()).filter(is_staging).collect()
+    }
+
+    /// Removes them; how many. Only while nothing is written.
+    #[must_use]
+    pub fn remove_staging(&self) -> usize {
+        self.staging().iter().filter(|path| std::fs::remove_file(path).is_ok()).count()
     }
 
     /// Writes a blob, whole or not at all.
@@ -117,15 +160,20 @@ impl Blobs {
         }
     }
 
-    /// Removes both blobs of a record; what is not there is no error.
+    /// Removes the marked file of a record; that it is not there is no error.
     ///
     /// # Errors
     /// [`BlobError::Store`].
     pub async fn remove(&self, id: Uuid) -> Result<(), BlobError> {
-        for kind in Kind::ALL {
-            self.remove_at(&kind.path(id)).await?;
-        }
-        Ok(())
+        self.remove_at(&Kind::File.path(id)).await
+    }
+
+    /// Removes the host of a record that is stored under the record's own id.
+    ///
+    /// # Errors
+    /// [`BlobError::Store`].
+    pub async fn remove_own_host(&self, id: Uuid) -> Result<(), BlobError> {
+        self.remove_at(&Kind::Host.path(id)).await
     }
 
     async fn remove_at(&self, path: &BlobPath) -> Result<(), BlobError> {
@@ -135,29 +183,12 @@ impl Blobs {
         }
     }
 
-    /// The ids under which anything is stored.
-    ///
-    /// # Errors
-    /// [`BlobError::Store`].
-    pub async fn ids(&self) -> Result<BTreeSet<Uuid>, BlobError> {
-        let mut ids = BTreeSet::new();
-        for kind in Kind::ALL {
-            let mut found = self.store.list(Some(&BlobPath::from(kind.directory())));
-            while let Some(blob) = found.try_next().await? {
-                // A name that is no id is not ours: leave it to whoever put it there.
-                ids.extend(blob.location.filename().and_then(|name| name.parse::<Uuid>().ok()));
-            }
-        }
-        Ok(ids)
-    }
-
-    /// How many blobs there are.
+    /// How many blobs there are, quarantine aside.
     ///
     /// # Errors
     /// [`BlobError::Store`].
     pub async fn count(&self) -> Result<usize, BlobError> {
-        let found: Vec<_> = self.store.list(None).try_collect().await?;
-        Ok(found.len())
+        Ok(self.names().await?.len())
     }
 }
 
@@ -181,17 +212,19 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn ids_are_listed_once_and_other_names_not() {
+    async fn unfinished_writes_are_found_and_removed() {
         let directory = tempfile::tempdir().unwrap();
+        assert!(Blobs::there(&directory.path().join("blobs")).unwrap().is_none());
         let blobs = Blobs::local(&directory.path().join("blobs")).unwrap();
-        let ids = BTreeSet::from([Uuid::now_v7(), Uuid::now_v7()]);
-        for &id in &ids {
-            for kind in Kind::ALL {
-                blobs.put(kind, id, Bytes::from_static(b"x")).await.unwrap();
-            }
+        let id = Uuid::now_v7();
+        blobs.put(Kind::File, id, Bytes::from_static(b"abc")).await.unwrap();
+        let file = directory.path().join(format!("blobs/files/{id}"));
+        for suffix in ["#1", "#12"] {
+            std::fs::write(format!("{}{suffix}", file.display()), "ab").unwrap();
         }
-        std::fs::write(directory.path().join("blobs/files/README"), "keep").unwrap();
-        assert_eq!(blobs.ids().await.unwrap(), ids);
-        assert_eq!(blobs.count().await.unwrap(), 5);
+        std::fs::write(directory.path().join("blobs/hosts/notes#a"), "keep").unwrap();
+        assert_eq!(blobs.count().await.unwrap(), 2);
+        assert_eq!((blobs.remove_staging(), blobs.remove_staging()), (2, 0));
+        assert_eq!(blobs.get(Kind::File, id).await.unwrap().unwrap(), "abc");
     }
 }

@@ -3,6 +3,7 @@
 //! Results go to standard output, everything meant for a person to standard error. Exit code 0:
 //! done, or a match; 1: no match; 2: error.
 
+mod check;
 mod compare;
 mod embed;
 mod extract;
@@ -67,6 +68,8 @@ enum Command {
     Lab(Box<lab::Arguments>),
     /// Compare a file with the marks of a data directory; a service may be running on it.
     Verify(Box<verify::Arguments>),
+    /// Check that a data directory is whole: records, files, hosts, keys, database.
+    Check(Box<check::Arguments>),
     /// List or rotate master keys, by their ids.
     Keys(Box<keys::Arguments>),
     /// Ask a running service whether it is ready.
@@ -87,6 +90,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Lab(arguments) => lab::run(&arguments),
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),
         Command::Health(arguments) => health::run(&arguments),
         Command::Openapi => {

@@ -22,6 +22,9 @@ pub const MEMORY_PER_UPLOAD_BYTE: u64 = 12;
 /// A week: longer ones are typing errors.
 const LONGEST_TIMEOUT: Duration = Duration::from_hours(7 * 24);
 
+/// A century.
+const LONGEST_QUARANTINE_DAYS: u32 = 36_500;
+
 /// Why the configuration cannot be used. The text names the setting and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
@@ -78,6 +81,9 @@ pub struct Config {
     pub keep_host: bool,
     pub match_threshold_log10: f64,
     pub inconclusive_threshold_log10: f64,
+    pub allow_unreadable_marks: bool,
+    pub accept_registry: bool,
+    pub quarantine_days: u32,
     pub log_format: LogFormat,
     pub log_level: String,
     pub limits: Limits,
@@ -138,6 +144,9 @@ impl Config {
             keep_host: settings.keep_host.unwrap_or(true),
             match_threshold_log10: settings.match_threshold_log10.unwrap_or(-9.0),
             inconclusive_threshold_log10: settings.inconclusive_threshold_log10.unwrap_or(-3.0),
+            allow_unreadable_marks: settings.allow_unreadable_marks.unwrap_or(false),
+            accept_registry: settings.accept_registry.unwrap_or(false),
+            quarantine_days: settings.quarantine_days.unwrap_or(30),
             log_format: settings.log_format.unwrap_or(LogFormat::Text),
             log_level: settings.log_level.unwrap_or_else(|| "info".to_owned()),
             limits: Limits {
@@ -222,6 +231,9 @@ impl Config {
                 "must lie between match_threshold_log10 and 0",
             );
         }
+        if !(1..=LONGEST_QUARANTINE_DAYS).contains(&self.quarantine_days) {
+            return refuse("quarantine_days", "must be from 1 to 36500");
+        }
         if self.limits.max_vertices == 0 || u32::try_from(self.limits.max_vertices).is_err() {
             return refuse("max_vertices", "must be from 1 to 4294967295");
         }
@@ -284,6 +296,7 @@ mod tests {
             ("upload_budget_bytes = 1", "upload_budget_bytes"),
             ("allowed_hosts = ['https://marks.test']", "allowed_hosts"),
             ("max_vertices = 5000000000", "max_vertices"),
+            ("quarantine_days = 0", "quarantine_days"),
             ("log_level = '=='", "log_level"),
         ];
         for (text, setting) in cases {

@@ -74,7 +74,8 @@ pub struct Settings {
     /// Directory of registry, files and master key file [default: ./data]
     #[arg(long, env = "QUADMARK_DATA", value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// 64 hex digits that stand in for the master key file; not a flag.
+    /// 64 hex digits that stand in for the master key file, or several such keys with commas between
+    /// them: the last makes new marks, as in the file, the others verify old ones; not a flag.
     #[arg(skip)]
     pub master_key: Option<SecretText>,
     /// File of master keys [default: master.keys in the data directory]
@@ -155,6 +156,18 @@ pub struct Settings {
         allow_negative_numbers = true
     )]
     pub inconclusive_threshold_log10: Option<f64>,
+    /// Start although master keys that records need are missing: their marks are not recognised
+    #[arg(long, env = "QUADMARK_ALLOW_UNREADABLE_MARKS", num_args = 0..=1, require_equals = true,
+          default_missing_value = "true", value_name = "BOOL")]
+    pub allow_unreadable_marks: Option<bool>,
+    /// Start although the registry is gone, older or another, or files without a record lie beside it:
+    /// these go to quarantine
+    #[arg(long, env = "QUADMARK_ACCEPT_REGISTRY", num_args = 0..=1, require_equals = true,
+          default_missing_value = "true", value_name = "BOOL")]
+    pub accept_registry: Option<bool>,
+    /// Days that files without a record wait in quarantine before a start deletes them [default: 30]
+    #[arg(long, env = "QUADMARK_QUARANTINE_DAYS", value_name = "DAYS")]
+    pub quarantine_days: Option<u32>,
     /// Form of log lines [default: text]
     #[arg(long, env = "QUADMARK_LOG_FORMAT", value_name = "FORMAT")]
     pub log_format: Option<LogFormat>,
@@ -184,7 +197,8 @@ impl Settings {
             max_body_bytes workers queue memory_budget_bytes request_timeout upload_timeout
             idle_timeout max_connections max_uploads upload_budget_bytes min_free_bytes allowed_hosts
             shutdown_grace independent_check_max_bytes keep_files keep_host match_threshold_log10
-            inconclusive_threshold_log10 log_format log_level max_vertices max_triangles)
+            inconclusive_threshold_log10 allow_unreadable_marks accept_registry
+            quarantine_days log_format log_level max_vertices max_triangles)
     }
 
     pub(super) fn from_file(path: &Path) -> Result<Self, ConfigError> {

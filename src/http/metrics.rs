@@ -47,6 +47,11 @@ impl Metrics {
         let gauges = [
             ("quadmark_uptime_seconds", "Seconds since the start", self.start.elapsed().as_secs()),
             ("quadmark_marks", "Marks that are searched", service.marks() as u64),
+            (
+                "quadmark_marks_unreadable",
+                "Marks that are not searched because their master keys are missing",
+                service.unreadable_marks() as u64,
+            ),
             ("quadmark_jobs_running", "Jobs that run now", pool.running() as u64),
             ("quadmark_job_slots_free", "Jobs that would be taken now", pool.free_slots() as u64),
         ];

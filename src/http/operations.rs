@@ -11,7 +11,8 @@ use super::document::openapi_yaml;
 use super::error::ApiError;
 use super::wire::HealthBody;
 
-const OK: HealthBody = HealthBody { status: "ok", version: env!("CARGO_PKG_VERSION") };
+const OK: HealthBody =
+    HealthBody { status: "ok", version: env!("CARGO_PKG_VERSION"), unreadable_marks: None };
 
 /// Whether the process is alive.
 #[utoipa::path(
@@ -31,7 +32,8 @@ pub(super) async fn livez() -> Json<HealthBody> {
 )]
 pub(super) async fn readyz(State(app): State<App>) -> Result<Json<HealthBody>, ApiError> {
     app.service.ready().await?;
-    Ok(Json(OK))
+    let unreadable = app.service.unreadable_marks() as u64;
+    Ok(Json(HealthBody { unreadable_marks: (unreadable > 0).then_some(unreadable), ..OK }))
 }
 
 /// Counters for Prometheus.

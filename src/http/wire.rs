@@ -326,4 +326,9 @@ pub(super) struct HealthBody {
     pub(super) status: &'static str,
     /// The service's version.
     pub(super) version: &'static str,
+    /// Marks that are not recognised because their master keys are missing, if there are any and the
+    /// service was told to start without them (`/readyz` only).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub(super) unreadable_marks: Option<u64>,
 }

@@ -199,23 +199,28 @@ pub(super) async fn many_writers_at_once(registry: Arc<dyn Registry>) {
 
 pub(super) async fn sketches_are_kept_once_per_host(registry: &dyn Registry) {
     let start = registry.last_row().await.unwrap();
-    let kept = Record { host_sha256: [8; 32], host_kept: true, ..sample_record() };
+    let kept = Record { host_geometry: Some([8; 32]), host_kept: true, ..sample_record() };
     let also = Record { id: Uuid::now_v7(), ..kept.clone() };
     let without = Record { host_kept: false, ..sample_record() };
     for record in [&kept, &also, &without] {
-        registry.keep_sketch(&record.host_sha256, b"sketch").await.unwrap();
-        registry.keep_sketch(&record.host_sha256, b"another").await.unwrap();
+        let geometry = record.host_geometry.unwrap();
+        registry.keep_sketch(&geometry, b"sketch").await.unwrap();
+        registry.keep_sketch(&geometry, b"another").await.unwrap();
         registry.register(record, None).await.unwrap();
     }
     let sketches = registry.sketches(0, 100).await.unwrap();
-    let of = |hash| sketches.iter().filter(|s| s.host_sha256 == hash).collect::<Vec<_>>();
+    let of = |hash| sketches.iter().filter(|s| s.geometry == hash).collect::<Vec<_>>();
     assert_eq!(of([8; 32]).len(), 1);
     assert_eq!(of([8; 32])[0].sketch, b"sketch");
     let after = registry.sketches(of([8; 32])[0].row, 100).await.unwrap();
-    assert!(after.iter().all(|s| s.host_sha256 != [8; 32]));
+    assert!(after.iter().all(|s| s.geometry != [8; 32]));
     let end = registry.last_row().await.unwrap();
     let hosts = registry.hosts(start, end).await.unwrap();
     assert_eq!(hosts, [(kept.id, [8; 32]), (also.id, [8; 32])]);
     registry.revoke(kept.id, Timestamp::now()).await.unwrap();
     assert_eq!(registry.hosts(start, end).await.unwrap(), [(also.id, [8; 32])]);
+    registry.revoke(also.id, Timestamp::now()).await.unwrap();
+    assert!(registry.uses_host(&[8; 32]).await.unwrap(), "revoked records count");
+    assert!(!registry.uses_host(&[9; 32]).await.unwrap());
+    assert!(!registry.uses_host(&without.host_geometry.unwrap()).await.unwrap(), "not kept");
 }

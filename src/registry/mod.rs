@@ -10,6 +10,7 @@ mod record;
 mod sqlite;
 mod sqlite_pages;
 mod sqlite_rows;
+mod upkeep;
 
 use async_trait::async_trait;
 use uuid::Uuid;
@@ -18,9 +19,10 @@ pub use record::{
     Counts, Cursor, ExistingMark, Filter, HostSketch, IdempotencyEntry, MarkSource, Order, Page,
     Quality, Record, StoredVerification,
 };
-pub use sqlite::Sqlite;
+pub use sqlite::{Lock, Sqlite};
 #[cfg(test)]
 pub(crate) use sqlite_rows::sample_record;
+pub use upkeep::{Identity, KeyUse, Survey};
 
 /// Why the registry could not do what was asked.
 #[derive(Debug, thiserror::Error)]
@@ -126,14 +128,16 @@ pub trait Registry: Send + Sync {
     /// `after` up to and with `last`, in order.
     async fn mark_sources(&self, after: i64, last: i64) -> Result<Vec<MarkSource>, RegistryError>;
 
-    /// Keeps the sketch of a host's geometry, once per host.
-    async fn keep_sketch(&self, host_sha256: &[u8; 32], sketch: &[u8])
-    -> Result<(), RegistryError>;
+    /// Keeps the sketch of a host's geometry, once per geometry.
+    async fn keep_sketch(&self, geometry: &[u8; 32], sketch: &[u8]) -> Result<(), RegistryError>;
+
+    /// Whether any record, revoked or not, uses the stored host of this geometry.
+    async fn uses_host(&self, geometry: &[u8; 32]) -> Result<bool, RegistryError>;
 
     /// At most `limit` sketches that were kept after row `after`, in order.
     async fn sketches(&self, after: i64, limit: u32) -> Result<Vec<HostSketch>, RegistryError>;
 
-    /// The hosts, by their hash, of the records that are not revoked and whose host is kept, of the
+    /// The geometries of the hosts of the records that are not revoked and whose host is kept, of the
     /// rows after `after` up to and with `last`.
     async fn hosts(&self, after: i64, last: i64) -> Result<Vec<(Uuid, [u8; 32])>, RegistryError>;
 
@@ -158,6 +162,9 @@ pub trait Registry: Send + Sync {
 
     /// A verdict as it was answered.
     async fn verification(&self, id: Uuid) -> Result<Option<StoredVerification>, RegistryError>;
+
+    /// Which registry it is, and how often it was written to.
+    async fn seen(&self) -> Result<Option<Identity>, RegistryError>;
 
     /// Whether the registry answers.
     async fn ping(&self) -> Result<(), RegistryError>;

@@ -45,6 +45,9 @@ pub struct Record {
     pub frame: Frame,
     /// SHA-256 of the host file.
     pub host_sha256: [u8; 32],
+    /// Key of the host's geometry, under which it is stored if it is kept; records of before hosts
+    /// were stored once each have none.
+    pub host_geometry: Option<[u8; 32]>,
     /// SHA-256 of the marked file.
     pub marked_sha256: [u8; 32],
     /// Length of the marked file.
@@ -113,8 +116,8 @@ impl Record {
 pub struct HostSketch {
     /// Number of its row.
     pub row: i64,
-    /// SHA-256 of the host file.
-    pub host_sha256: [u8; 32],
+    /// Key of the geometry.
+    pub geometry: [u8; 32],
     /// The sketch.
     pub sketch: Vec<u8>,
 }

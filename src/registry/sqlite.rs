@@ -23,7 +23,7 @@ use super::record::{
 };
 use super::sqlite_pages::{counts, page};
 use super::sqlite_rows::{bad_row, bytes32, insert_record, record_from_row, source_from_row};
-use super::{Registry, RegistryError};
+use super::{Identity, Registry, RegistryError};
 use crate::durable::{create_directory, sync_directory};
 
 const READERS: u32 = 4;
@@ -31,11 +31,16 @@ const READERS: u32 = 4;
 /// The `SQLite` registry of one data directory.
 #[derive(Debug)]
 pub struct Sqlite {
-    writer: SqlitePool,
-    readers: SqlitePool,
-    /// Held as long as the registry lives; the system lets go of it when the process dies. A
-    /// registry that is only read needs none.
-    _lock: Option<File>,
+    pub(super) writer: SqlitePool,
+    pub(super) readers: SqlitePool,
+    /// Held as long as the registry lives. A registry that is only read needs none.
+    _lock: Option<Lock>,
+}
+
+/// A locked data directory; the system lets go of it when the process dies.
+#[derive(Debug)]
+pub struct Lock {
+    _file: File,
 }
 
 impl Sqlite {
@@ -44,7 +49,14 @@ impl Sqlite {
     /// # Errors
     /// [`RegistryError::InUse`] when another process has it open; otherwise what the system said.
     pub async fn open(data: &Path) -> Result<Self, RegistryError> {
-        let lock = lock(data)?;
+        Self::open_locked(data, Lock::take(data)?).await
+    }
+
+    /// The same, of a data directory that is locked already.
+    ///
+    /// # Errors
+    /// What the system said.
+    pub async fn open_locked(data: &Path, lock: Lock) -> Result<Self, RegistryError> {
         let options = SqliteConnectOptions::new()
             .filename(data.join("registry.sqlite"))
             .create_if_missing(true)
@@ -62,6 +74,31 @@ impl Sqlite {
             .connect_with(options.create_if_missing(false).read_only(true))
             .await?;
         Ok(Self { writer, readers, _lock: Some(lock) })
+    }
+
+    /// Whether there is a registry.
+    #[must_use]
+    pub fn is_there(data: &Path) -> bool {
+        data.join("registry.sqlite").exists()
+    }
+
+    /// Ends all connections of a registry that was opened to be read.
+    pub async fn end(self) {
+        self.close().await;
+    }
+
+    /// Opens an existing registry of a locked directory to look at it before anything is changed. What
+    /// a crash left half done, the database takes back even so, which one that is only read cannot.
+    ///
+    /// # Errors
+    /// What the system said.
+    pub async fn open_to_look(data: &Path, _lock: &Lock) -> Result<Self, RegistryError> {
+        let options = SqliteConnectOptions::new()
+            .filename(data.join("registry.sqlite"))
+            .synchronous(SqliteSynchronous::Full)
+            .busy_timeout(Duration::from_secs(10));
+        let readers = SqlitePoolOptions::new().max_connections(1).connect_with(options).await?;
+        Ok(Self { writer: readers.clone(), readers, _lock: None })
     }
 
     /// Opens an existing registry to read it, also while a service has it open. Everything that
@@ -88,25 +125,30 @@ fn unusable(data: &Path, source: std::io::Error) -> RegistryError {
     RegistryError::Directory { path: data.display().to_string(), source }
 }
 
-/// Locks the data directory, which is made if it is not there: for its owner alone, since it holds
-/// marked files and their hosts.
-fn lock(data: &Path) -> Result<File, RegistryError> {
-    let failed = |source| unusable(data, source);
-    create_directory(data).map_err(failed)?;
-    let file = OpenOptions::new()
-        .create(true)
-        .truncate(false)
-        .write(true)
-        .open(data.join("lock"))
-        .map_err(failed)?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(RegistryError::InUse(data.display().to_string())),
-        Err(TryLockError::Error(source)) => Err(failed(source)),
+impl Lock {
+    /// Locks a data directory, which is made if it is not there: for its owner alone, since it holds
+    /// marked files and their hosts.
+    ///
+    /// # Errors
+    /// [`RegistryError::InUse`] when another process has it; otherwise what the system said.
+    pub fn take(data: &Path) -> Result<Self, RegistryError> {
+        let failed = |source| unusable(data, source);
+        create_directory(data).map_err(failed)?;
+        let file = OpenOptions::new()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .open(data.join("lock"))
+            .map_err(failed)?;
+        match file.try_lock() {
+            Ok(()) => Ok(Self { _file: file }),
+            Err(TryLockError::WouldBlock) => Err(RegistryError::InUse(data.display().to_string())),
+            Err(TryLockError::Error(source)) => Err(failed(source)),
+        }
     }
 }
 
-fn ids_from(rows: Vec<(String,)>) -> Result<Vec<Uuid>, RegistryError> {
+pub(super) fn ids_from(rows: Vec<(String,)>) -> Result<Vec<Uuid>, RegistryError> {
     rows.into_iter().map(|(id,)| id.parse().map_err(|_| bad_row(&id, "id"))).collect()
 }
 
@@ -212,22 +254,31 @@ impl Registry for Sqlite {
         rows.into_iter().map(source_from_row).collect()
     }
 
-    async fn keep_sketch(
-        &self,
-        host_sha256: &[u8; 32],
-        sketch: &[u8],
-    ) -> Result<(), RegistryError> {
-        sqlx::query("INSERT INTO hosts (host_sha256, sketch) VALUES (?, ?) ON CONFLICT DO NOTHING")
-            .bind(host_sha256.as_slice())
-            .bind(sketch)
-            .execute(&self.writer)
-            .await?;
+    async fn keep_sketch(&self, geometry: &[u8; 32], sketch: &[u8]) -> Result<(), RegistryError> {
+        sqlx::query(
+            "INSERT INTO geometries (geometry, sketch) VALUES (?, ?) ON CONFLICT DO NOTHING",
+        )
+        .bind(geometry.as_slice())
+        .bind(sketch)
+        .execute(&self.writer)
+        .await?;
         Ok(())
+    }
+
+    async fn uses_host(&self, geometry: &[u8; 32]) -> Result<bool, RegistryError> {
+        let (used,): (bool,) = sqlx::query_as(
+            "SELECT EXISTS (SELECT 1 FROM watermarks WHERE host_geometry = ? AND host_kept)",
+        )
+        .bind(geometry.as_slice())
+        .fetch_one(&self.readers)
+        .await?;
+        Ok(used)
     }
 
     async fn sketches(&self, after: i64, limit: u32) -> Result<Vec<HostSketch>, RegistryError> {
         let rows = sqlx::query_as(
-            "SELECT rowid, host_sha256, sketch FROM hosts WHERE rowid > ? ORDER BY rowid LIMIT ?",
+            "SELECT rowid, geometry, sketch FROM geometries
+             WHERE rowid > ? ORDER BY rowid LIMIT ?",
         )
         .bind(after)
         .bind(limit)
@@ -235,30 +286,33 @@ impl Registry for Sqlite {
         .await;
         let rows: Vec<(i64, Vec<u8>, Vec<u8>)> = match rows {
             // Read beside the service of an earlier release, which has not made the table.
-            Err(error) if is_missing_table(&error) => Vec::new(),
+            Err(error) if is_older_schema(&error) => Vec::new(),
             rows => rows?,
         };
         let sketch = |(row, hash, sketch): (i64, Vec<u8>, Vec<u8>)| {
-            let host_sha256 = bytes32(&hash)?;
-            Some(HostSketch { row, host_sha256, sketch })
+            let geometry = bytes32(&hash)?;
+            Some(HostSketch { row, geometry, sketch })
         };
         Ok(rows.into_iter().filter_map(sketch).collect())
     }
 
     async fn hosts(&self, after: i64, last: i64) -> Result<Vec<(Uuid, [u8; 32])>, RegistryError> {
         let rows: Vec<(String, Vec<u8>)> = sqlx::query_as(
-            "SELECT id, host_sha256 FROM watermarks
-             WHERE rowid > ? AND rowid <= ? AND revoked_at IS NULL AND host_kept ORDER BY rowid",
+            "SELECT id, host_geometry FROM watermarks
+             WHERE rowid > ? AND rowid <= ? AND revoked_at IS NULL AND host_kept
+                 AND host_geometry IS NOT NULL
+             ORDER BY rowid",
         )
         .bind(after)
         .bind(last)
         .fetch_all(&self.readers)
-        .await?;
+        .await
+        .or_else(|error| if is_older_schema(&error) { Ok(Vec::new()) } else { Err(error) })?;
         let host = |(id, hash): (String, Vec<u8>)| {
             let bad = |column| bad_row(&id, column);
             Ok((
                 id.parse().map_err(|_| bad("id"))?,
-                bytes32(&hash).ok_or_else(|| bad("host_sha256"))?,
+                bytes32(&hash).ok_or_else(|| bad("host_geometry"))?,
             ))
         };
         rows.into_iter().map(host).collect()
@@ -338,6 +392,10 @@ impl Registry for Sqlite {
         .transpose()
     }
 
+    async fn seen(&self) -> Result<Option<Identity>, RegistryError> {
+        self.identity().await
+    }
+
     async fn ping(&self) -> Result<(), RegistryError> {
         sqlx::query("SELECT 1").execute(&self.readers).await?;
         Ok(())
@@ -349,8 +407,13 @@ impl Registry for Sqlite {
     }
 }
 
-fn is_missing_table(error: &sqlx::Error) -> bool {
-    error.as_database_error().is_some_and(|error| error.message().starts_with("no such table"))
+/// Whether a table or column is missing: a registry that is read and of an earlier release.
+pub(super) fn is_older_schema(error: &sqlx::Error) -> bool {
+    let missing = ["no such table", "no such column"];
+    let says = |error: &dyn sqlx::error::DatabaseError| {
+        missing.iter().any(|text| error.message().starts_with(text))
+    };
+    error.as_database_error().is_some_and(says)
 }
 
 #[cfg(test)]
@@ -444,14 +507,22 @@ mod tests {
     #[tokio::test]
     async fn a_registry_of_the_first_release_is_brought_up_to_date() {
         let directory = tempfile::tempdir().unwrap();
-        let record = Record { quality: None, existing_marks: None, ..sample_record() };
+        let record =
+            Record { quality: None, existing_marks: None, host_geometry: None, ..sample_record() };
         let registry = Sqlite::open(directory.path()).await.unwrap();
         registry.register(&record, None).await.unwrap();
         for statement in [
             "ALTER TABLE watermarks DROP COLUMN quality",
             "ALTER TABLE watermarks DROP COLUMN existing_marks",
+            "DROP TRIGGER changes_registered",
+            "DROP TRIGGER changes_revoked",
+            "DROP TRIGGER changes_verified",
+            "DROP TABLE identity",
             "DROP TABLE hosts",
             "DROP INDEX watermarks_by_owner_in_order",
+            "DROP TABLE geometries",
+            "DROP INDEX watermarks_by_geometry",
+            "ALTER TABLE watermarks DROP COLUMN host_geometry",
             "DELETE FROM _sqlx_migrations WHERE version > 1",
         ] {
             sqlx::query(statement).execute(&registry.writer).await.unwrap();

@@ -38,8 +38,9 @@ pub(super) async fn insert_record(
         "INSERT INTO watermarks (id, owner_id, recipient, label, method, scheme, strength, bits,
              key_id, salt, message, payload, centre_x, centre_y, centre_z, rho_min, rho_max,
              host_sha256, marked_sha256, marked_bytes, format, file_name, vertices, triangles,
-             usable_bins, file_kept, host_kept, created_at, revoked_at, quality, existing_marks)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+             usable_bins, file_kept, host_kept, created_at, revoked_at, quality, existing_marks,
+             host_geometry)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(record.id.to_string())
     .bind(&record.owner_id)
@@ -72,6 +73,7 @@ pub(super) async fn insert_record(
     .bind(record.revoked_at.map(Timestamp::as_microsecond))
     .bind(quality)
     .bind(existing)
+    .bind(record.host_geometry.as_ref().map(<[u8; 32]>::as_slice))
     .execute(connection)
     .await?;
     Ok(())
@@ -127,6 +129,7 @@ pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> 
             rho_max: row.try_get("rho_max")?,
         },
         host_sha256: hash("host_sha256")?,
+        host_geometry: geometry(row, &id_text)?,
         marked_sha256: hash("marked_sha256")?,
         marked_bytes: unsigned("marked_bytes")?,
         format: format_from_name(&format).ok_or_else(|| bad("format"))?,
@@ -144,6 +147,16 @@ pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> 
             .map(|at| time(at, "revoked_at"))
             .transpose()?,
     })
+}
+
+fn geometry(row: &SqliteRow, id: &str) -> Result<Option<[u8; 32]>, RegistryError> {
+    let bytes = match row.try_get::<Option<Vec<u8>>, _>("host_geometry") {
+        // Read beside the service of an earlier release, which has not added the column.
+        Err(sqlx::Error::ColumnNotFound(_)) => None,
+        found => found?,
+    };
+    let key = |bytes: Vec<u8>| bytes32(&bytes).ok_or_else(|| bad_row(&id, "host_geometry"));
+    bytes.map(key).transpose()
 }
 
 /// The JSON of a column that the first release did not have.
@@ -186,6 +199,7 @@ pub(crate) fn sample_record() -> Record {
             rho_max: 1.7e308,
         },
         host_sha256: [1; 32],
+        host_geometry: Some([3; 32]),
         marked_sha256: [2; 32],
         marked_bytes: 1 << 40,
         format: Format::Glb,

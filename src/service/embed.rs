@@ -179,6 +179,7 @@ impl Service {
             payload: request.payload,
             frame: done.frame,
             host_sha256,
+            host_geometry: done.host.as_ref().map(|host| host.key),
             marked_sha256: done.marked_sha256,
             marked_bytes: done.marked.len() as u64,
             format: done.format,
@@ -338,7 +339,7 @@ fn takes(formats: &[Format], format: Format) -> Result<(), ServiceError> {
 fn kept(host: &Mesh) -> Result<KeptHost, ServiceError> {
     let shape = Shape::new(Surface::new(host));
     let sketch = shape.map(|shape| Sketch::new(&shape));
-    Ok(KeptHost { geometry: geometry::pack(host)?.into(), sketch })
+    Ok(KeptHost { key: geometry::key(host), geometry: geometry::pack(host)?.into(), sketch })
 }
 
 fn quality_of(report: &MarkReport) -> Quality {

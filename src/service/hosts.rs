@@ -1,7 +1,7 @@
 //! The hosts in memory: what a short list is drawn from.
 //!
-//! Copies of one host for many recipients are one host here, by the hash of its file. Sketches are of
-//! hosts, never of marked meshes: a short list must not depend on codewords. Must not know how what
+//! Copies of one host for many recipients are one host here, by the key of its geometry: whichever file
+//! it came in. Sketches are of hosts, never of marked meshes: a short list must not depend on codewords. Must not know how what
 //! is on a short list is scored.
 
 use std::collections::HashMap;
@@ -16,14 +16,19 @@ use super::{Service, StartError};
 use crate::registration::{GeometryIndex, Probe, Sketch};
 use crate::registry::Record;
 
-/// A host, by the first half of its file's SHA-256.
+/// A host, by the first half of the key of its geometry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) struct HostKey(u128);
 
 impl HostKey {
-    pub(super) fn new(host_sha256: &[u8; 32]) -> Self {
-        let half = std::array::from_fn(|i| host_sha256.get(i).copied().unwrap_or_default());
+    pub(super) fn new(geometry: &[u8; 32]) -> Self {
+        let half = std::array::from_fn(|i| geometry.get(i).copied().unwrap_or_default());
         Self(u128::from_le_bytes(half))
+    }
+
+    /// The host of a record, if it is kept.
+    pub(super) fn of(record: &Record) -> Option<Self> {
+        record.host_geometry.as_ref().filter(|_| record.host_kept).map(Self::new)
     }
 }
 
@@ -48,7 +53,7 @@ pub(super) struct Hosts(RwLock<Inner>);
 impl Hosts {
     /// Adds a record whose host is kept.
     pub(super) fn insert(&self, record: &Record, sketch: Option<&Sketch>) {
-        let key = HostKey::new(&record.host_sha256);
+        let Some(key) = HostKey::of(record) else { return };
         let mut inner = self.0.write().unwrap_or_else(PoisonError::into_inner);
         let records = inner.records.entry(key).or_default();
         records.push(record.id);
@@ -61,7 +66,7 @@ impl Hosts {
 
     /// Takes a record out, and its host with the last of them.
     pub(super) fn remove(&self, record: &Record) {
-        let key = HostKey::new(&record.host_sha256);
+        let Some(key) = HostKey::of(record) else { return };
         let mut inner = self.0.write().unwrap_or_else(PoisonError::into_inner);
         let Some(records) = inner.records.get_mut(&key) else { return };
         records.retain(|&id| id != record.id);
@@ -111,8 +116,8 @@ impl Service {
         let step = i64::from(ROWS);
         let mut start = 0;
         while start < end {
-            for (id, host_sha256) in self.registry.hosts(start, start + step).await? {
-                records.entry(HostKey::new(&host_sha256)).or_default().push(id);
+            for (id, geometry) in self.registry.hosts(start, start + step).await? {
+                records.entry(HostKey::new(&geometry)).or_default().push(id);
             }
             start += step;
         }
@@ -124,11 +129,11 @@ impl Service {
         let geometry = batches
             .try_fold(GeometryIndex::default(), |mut geometry, batch| {
                 let known = batch.iter().filter_map(|host| {
-                    let key = HostKey::new(&host.host_sha256);
+                    let key = HostKey::new(&host.geometry);
                     match Sketch::from_bytes(&host.sketch) {
                         Ok(sketch) => records.contains_key(&key).then_some((key.0, sketch)),
                         Err(error) => {
-                            let host = hex::encode(host.host_sha256);
+                            let host = hex::encode(host.geometry);
                             warn!(host, %error, "a host cannot be found by its shape");
                             None
                         }

@@ -2,7 +2,10 @@
 //!
 //! Codewords are derived here and nowhere stored. Must not know how they are scored.
 
+use std::collections::HashSet;
 use std::sync::{PoisonError, RwLock};
+
+use uuid::Uuid;
 
 use super::ServiceError;
 use crate::keys::KeyRing;
@@ -66,6 +69,24 @@ impl Known {
     /// Whether any of these records (ascending) is searched for.
     pub(super) fn has_any(&self, ids: &[u128]) -> bool {
         !self.marks().only(ids).is_empty()
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.0.read().unwrap_or_else(PoisonError::into_inner).len()
+    }
+}
+
+/// Live marks that cannot be searched for: their master key is not there, mostly.
+#[derive(Default)]
+pub(super) struct Unreadable(RwLock<HashSet<Uuid>>);
+
+impl Unreadable {
+    pub(super) fn extend(&self, ids: Vec<Uuid>) {
+        self.0.write().unwrap_or_else(PoisonError::into_inner).extend(ids);
+    }
+
+    pub(super) fn remove(&self, id: Uuid) {
+        self.0.write().unwrap_or_else(PoisonError::into_inner).remove(&id);
     }
 
     pub(super) fn len(&self) -> usize {

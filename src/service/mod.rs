@@ -4,6 +4,8 @@
 //! records and files are stored.
 
 mod admission;
+mod adopt;
+mod check;
 mod content;
 mod embed;
 mod error;
@@ -15,7 +17,9 @@ mod known;
 mod load;
 mod records;
 mod register;
+mod seen;
 mod spool;
+mod start;
 mod sweep;
 #[cfg(test)]
 mod test_support;
@@ -28,7 +32,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use tokio_util::task::TaskTracker;
-use tracing::info;
+use tracing::{info, warn};
 
 use admission::{Limits, Uploads};
 
@@ -36,9 +40,10 @@ use crate::blobs::{BlobError, Blobs};
 use crate::config::{Config, MEMORY_PER_UPLOAD_BYTE, SecretText};
 use crate::jobs::{JobError, Pool, Stop};
 use crate::keys::{KeyError, KeyRing};
-use crate::registry::{Registry, RegistryError, Sqlite};
+use crate::registry::{KeyUse, Registry, RegistryError, Sqlite};
 
 pub use admission::Admission;
+pub use check::{Checked, Finding, check};
 pub use content::{Content, Parts};
 pub use embed::{EmbedRequest, Embedded};
 pub use error::ServiceError;
@@ -80,6 +85,77 @@ pub enum StartError {
     /// The codewords of the records.
     #[error("the marks of the registry cannot be loaded: {0}")]
     Load(String),
+    /// Files lie there, or were noted, and no registry knows of them.
+    #[error(
+        "the registry in {data} is missing or empty, but it is not a new data directory: {files} \
+         files lie there. Put registry.sqlite back from its backup; or say --accept-registry to \
+         start anew and move the files to quarantine",
+        data = data.display()
+    )]
+    RegistryGone {
+        /// The data directory.
+        data: PathBuf,
+        /// Files.
+        files: usize,
+    },
+    /// The registry was written to more often before.
+    #[error(
+        "the registry in {data} is older than the one that served here last: {found} changes of \
+         {noted} are in it. Put the newer one back; or say --accept-registry to go on without what \
+         is missing",
+        data = data.display()
+    )]
+    OlderRegistry {
+        /// The data directory.
+        data: PathBuf,
+        /// Changes of this registry.
+        found: u64,
+        /// Changes of the one that served last.
+        noted: u64,
+    },
+    /// The registry is another one.
+    #[error(
+        "the registry in {data} is not the one that served here last. Put that one back; or say \
+         --accept-registry to serve with this one",
+        data = data.display()
+    )]
+    OtherRegistry {
+        /// The data directory.
+        data: PathBuf,
+    },
+    /// More files without a record than a crash explains.
+    #[error(
+        "{files} files in {data} have no record, more than the {few} that a crash can leave (two \
+         for each job that may run or wait): the registry is probably not theirs, or an older one. \
+         List them with quadmark check, and put the right registry back; or say --accept-registry \
+         to move them to quarantine",
+        data = data.display()
+    )]
+    Orphans {
+        /// The data directory.
+        data: PathBuf,
+        /// Files without a record.
+        files: usize,
+        /// How many are taken for those of a crash.
+        few: usize,
+    },
+    /// Master keys that records need are not there.
+    #[error(
+        "master keys that records need are not in {from}: {}. Put the right keys back; or, where \
+         they are lost, say --allow-unreadable-marks to start without these marks",
+        listed(keys)
+    )]
+    MissingKeys {
+        /// The keys, with the records that need them.
+        keys: Vec<KeyUse>,
+        /// Where keys come from.
+        from: String,
+    },
+}
+
+fn listed(keys: &[KeyUse]) -> String {
+    let one = |key: &KeyUse| format!("{} (of {} records)", key.key_id, key.records);
+    keys.iter().map(one).collect::<Vec<_>>().join(", ")
 }
 
 /// The service: everything that a request needs. Shared by all of them.
@@ -90,6 +166,7 @@ pub struct Service {
     blobs: Blobs,
     pool: Pool,
     known: known::Known,
+    unreadable: known::Unreadable,
     hosts: hosts::Hosts,
     homes: verify::Homes,
     in_progress: idempotency::InProgress,
@@ -111,16 +188,7 @@ impl Service {
     /// # Errors
     /// [`StartError`], with a text for the operator.
     pub async fn open(config: Config) -> Result<Arc<Self>, StartError> {
-        let registry = Sqlite::open(&config.data).await?;
-        let keys = open_keys(&config)?;
-        let blobs = Blobs::local(&config.data.join("blobs"))?;
-        let orphans = sweep::sweep(&blobs, &registry).await?;
-        if orphans > 0 {
-            info!(orphans, "removed files without a record, left by an earlier crash");
-        }
-        let spool_directory = config.data.join("uploads");
-        std::fs::create_dir_all(&spool_directory)
-            .map_err(|source| StartError::Directory { path: spool_directory.clone(), source })?;
+        let start::Opened { registry, keys, blobs, spool_directory } = start::open(&config).await?;
         let service = Self::over(config, keys, registry, blobs, spool_directory, false);
         service.load().await?;
         service.load_hosts().await?;
@@ -139,7 +207,10 @@ impl Service {
             Some(text) => KeyRing::from_hex(SecretText::reveal(text))?,
             None => KeyRing::open(&config.master_key_file)?,
         };
-        let blobs = Blobs::local(&config.data.join("blobs"))?;
+        start::check_keys(&config, &keys, &registry.survey().await?)?;
+        let directory = config.data.join("blobs");
+        let blobs = Blobs::there(&directory)?;
+        let blobs = blobs.ok_or_else(|| BlobError::NoDirectory(directory.display().to_string()))?;
         let service = Self::over(config, keys, registry, blobs, std::env::temp_dir(), true);
         service.load().await?;
         service.load_hosts().await?;
@@ -163,6 +234,7 @@ impl Service {
             uploads: Uploads::new(limits, &spool_directory),
             pool: Pool::new(config.workers, config.queue, config.memory_budget_bytes),
             known: known::Known::default(),
+            unreadable: known::Unreadable::default(),
             hosts: hosts::Hosts::default(),
             homes: verify::Homes::new(),
             in_progress: idempotency::InProgress::default(),
@@ -218,6 +290,12 @@ impl Service {
         self.known.len()
     }
 
+    /// How many live marks cannot be searched for, because their master keys are missing.
+    #[must_use]
+    pub fn unreadable_marks(&self) -> usize {
+        self.unreadable.len()
+    }
+
     /// Takes an upload on, before its bytes are read: it declares so many, or none.
     ///
     /// # Errors
@@ -258,8 +336,23 @@ impl Service {
     pub async fn close(&self) -> bool {
         self.tasks.close();
         let tidy = tokio::time::timeout(TIDY, self.tasks.wait()).await.is_ok();
+        if !self.only_reads {
+            self.note_registry().await;
+        }
         self.registry.close().await;
         tidy
+    }
+
+    /// Notes how often the registry was written to.
+    async fn note_registry(&self) {
+        let noted = match self.registry.seen().await {
+            Ok(Some(identity)) => seen::write(&self.config.data, &identity),
+            Ok(None) => Ok(()),
+            Err(error) => Err(error.into()),
+        };
+        if let Err(error) = noted {
+            warn!(%error, "an older registry that is put back would not be noticed");
+        }
     }
 
     /// Runs a job over an upload of this many bytes on the pool.
@@ -284,16 +377,4 @@ impl Service {
             Err(error) => Err(ServiceError::Internal(format!("a request's task failed: {error}"))),
         }
     }
-}
-
-fn open_keys(config: &Config) -> Result<KeyRing, KeyError> {
-    if let Some(text) = &config.master_key {
-        return KeyRing::from_hex(SecretText::reveal(text));
-    }
-    let (ring, created) = KeyRing::open_or_create(&config.master_key_file)?;
-    if created {
-        let file = config.master_key_file.display();
-        info!(file = %file, key_id = ring.current(), "made a new master key");
-    }
-    Ok(ring)
 }

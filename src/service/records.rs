@@ -69,6 +69,7 @@ impl Service {
             // The locks may be held by a search: wait for them on a blocking thread.
             let removed = tokio::task::spawn_blocking(move || {
                 memory.hosts.remove(&revoked);
+                memory.unreadable.remove(revoked.id);
                 // Without its master key a mark is not searched for in the first place.
                 if let Ok(codeword) = codeword(&memory.keys, &revoked.source()) {
                     memory.known.remove(&revoked, &codeword);

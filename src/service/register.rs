@@ -1,7 +1,8 @@
 //! Registering a mark: a record exists if and only if its file could be handed out.
 //!
 //! Blobs, one registry transaction, index, in this order; on every way out that is not success
-//! the blobs are removed. A revocation comes before the transaction or after the index, never between.
+//! the blobs are removed, a host's only where no other record uses it. A revocation comes before the
+//! transaction or after the index, never between.
 
 use std::sync::Arc;
 
@@ -11,12 +12,14 @@ use uuid::Uuid;
 
 use super::known::codeword;
 use super::{Service, ServiceError};
-use crate::blobs::Kind;
+use crate::blobs::{GeometryKey, Kind};
 use crate::registration::Sketch;
 use crate::registry::{IdempotencyEntry, Record, RegistryError};
 
 /// What is kept of a host for detectors that compare suspects with it.
 pub(super) struct KeptHost {
+    /// What it is stored under; the record's `host_geometry`.
+    pub(super) key: GeometryKey,
     /// Its geometry, packed.
     pub(super) geometry: Bytes,
     /// What it is found by; none where its shape is too strange for a sketch.
@@ -34,11 +37,15 @@ impl Service {
         idempotency: Option<(String, [u8; 32])>,
     ) -> Result<(), ServiceError> {
         let codeword = codeword(&self.keys, &record.source())?;
-        let mut undo = RemoveBlobs { service: self.clone(), id: Some(record.id) };
-        let (host, sketch) = host.map(|host| (host.geometry, host.sketch)).unzip();
+        let held = host.as_ref().map(|host| host.key);
+        if let Some(key) = &held {
+            self.blobs.hold_host(key).await;
+        }
+        let mut undo = RemoveBlobs { service: self.clone(), id: Some(record.id), held };
+        let (host, sketch) = host.map(|host| ((host.key, host.geometry), host.sketch)).unzip();
         let sketch = sketch.flatten();
-        if let Some(sketch) = &sketch {
-            self.registry.keep_sketch(&record.host_sha256, &sketch.to_bytes()).await?;
+        if let (Some(key), Some(sketch)) = (&held, &sketch) {
+            self.registry.keep_sketch(key, &sketch.to_bytes()).await?;
         }
         let stored = match self.put_blobs(record.id, file, host).await {
             Ok(()) => {
@@ -53,12 +60,15 @@ impl Service {
             Err(error) => {
                 // Before the answer: who is told of a failure finds nothing left.
                 if let Some(id) = undo.id.take() {
-                    self.remove_unregistered(id).await;
+                    self.remove_unregistered(id, held).await;
                 }
                 return Err(error);
             }
         };
         undo.id = None;
+        if let Some(key) = &held {
+            self.blobs.keep_host(key).await;
+        }
         let (service, record) = (self.clone(), record.clone());
         // The lock may be held by a search: wait for it on a blocking thread.
         let inserted = tokio::task::spawn_blocking(move || {
@@ -76,12 +86,13 @@ impl Service {
         &self,
         id: Uuid,
         file: Option<Bytes>,
-        host: Option<Bytes>,
+        host: Option<(GeometryKey, Bytes)>,
     ) -> Result<(), ServiceError> {
-        for (kind, bytes) in [(Kind::File, file), (Kind::Host, host)] {
-            if let Some(bytes) = bytes {
-                self.blobs.put(kind, id, bytes).await?;
-            }
+        if let Some(bytes) = file {
+            self.blobs.put(Kind::File, id, bytes).await?;
+        }
+        if let Some((key, bytes)) = host {
+            self.blobs.put_host(&key, bytes).await?;
         }
         Ok(())
     }
@@ -103,12 +114,17 @@ impl Service {
         }
     }
 
-    async fn remove_unregistered(&self, id: Uuid) {
+    async fn remove_unregistered(&self, id: Uuid, held: Option<GeometryKey>) {
         // A commit whose answer was lost may have worked: then the blobs are needed.
         if matches!(self.registry.existing(&[id]).await.as_deref(), Ok([]))
             && let Err(error) = self.blobs.remove(id).await
         {
             error!(%id, %error, "files of a failed request stay until the next start");
+        }
+        let Some(key) = held else { return };
+        let is_used = async { Ok::<_, ServiceError>(self.registry.uses_host(&key).await?) };
+        if let Err(error) = self.blobs.release_host(&key, is_used).await {
+            error!(%id, %error, "the host of a failed request stays until the next start");
         }
     }
 }
@@ -118,13 +134,15 @@ impl Service {
 struct RemoveBlobs {
     service: Arc<Service>,
     id: Option<Uuid>,
+    /// The host that is held for it.
+    held: Option<GeometryKey>,
 }
 
 impl Drop for RemoveBlobs {
     fn drop(&mut self) {
         let Some(id) = self.id else { return };
-        let service = self.service.clone();
-        self.service.tasks.spawn(async move { service.remove_unregistered(id).await });
+        let (service, held) = (self.service.clone(), self.held);
+        self.service.tasks.spawn(async move { service.remove_unregistered(id, held).await });
     }
 }
 

@@ -32,10 +32,27 @@ async fn a_registry_that_fails_leaves_no_files() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_failed_registration_leaves_the_host_of_another_record() {
+    let server = Server::start().await;
+    let fail = "CREATE TRIGGER fail BEFORE INSERT ON watermarks
+                WHEN NEW.recipient = 'fails' BEGIN SELECT RAISE(ABORT, 'no'); END";
+    run(&server, fail).await;
+    let hosts = || std::fs::read_dir(server.data().join("blobs/hosts")).unwrap().count();
+    let form = || file_form(obj()).text("owner_id", "acme").text("recipient", "fails");
+    problem(server.post("/v1/watermarks", form()).await, 500, "internal").await;
+    assert_eq!(hosts(), 0);
+    server.mark(obj(), "acme").await;
+    problem(server.post("/v1/watermarks", form()).await, 500, "internal").await;
+    assert_eq!(hosts(), 1);
+    assert_eq!(server.service.blob_count().await.unwrap(), 2);
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_blob_store_that_fails_leaves_no_record() {
     let server = Server::start().await;
     let hosts = server.data().join("blobs/hosts");
-    // The file is written first; the directory of the geometry cannot be made.
+    // The file is written first; there is no directory for the geometry.
+    std::fs::remove_dir(&hosts).unwrap();
     std::fs::write(&hosts, "in the way").unwrap();
     let form = file_form(obj()).text("owner_id", "acme");
     problem(server.post("/v1/watermarks", form).await, 500, "internal").await;

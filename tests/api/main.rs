@@ -23,6 +23,7 @@ mod recognition;
 mod records;
 mod refusals;
 mod server;
+mod storage;
 #[path = "../support/mod.rs"]
 mod support;
 mod uploads;

@@ -52,11 +52,17 @@ impl Server {
 
     /// Stops in order and starts again on the same data directory.
     pub(crate) async fn restart(self) -> Self {
-        let Self { service, client, settings, directory, stop, task, .. } = self;
+        let settings = self.settings.clone();
+        Self::on(self.stop().await, settings).await
+    }
+
+    /// Stops in order; `data` in the directory is the data directory.
+    pub(crate) async fn stop(self) -> tempfile::TempDir {
+        let Self { service, client, directory, stop, task, .. } = self;
         drop((service, client));
         stop.send(()).unwrap();
         task.await.unwrap();
-        Self::on(directory, settings).await
+        directory
     }
 
     pub(crate) fn data(&self) -> std::path::PathBuf {

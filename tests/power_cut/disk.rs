@@ -107,6 +107,7 @@ fn write(synced: &HashMap<u64, Synced>, inode: u64, to: &Path) {
         let path = to.join(name);
         if *is_directory {
             fs::create_dir(&path).unwrap();
+            fs::set_permissions(&path, fs::Permissions::from_mode(0o700)).unwrap();
             write(synced, *inode, &path);
         } else {
             // An entry whose content was never synced is an empty file.

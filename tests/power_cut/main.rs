@@ -169,6 +169,13 @@ async fn ask(service: &Served, told: &[&Told], cut: usize, thorough: bool) {
     }
 }
 
+/// Nothing is missing, damaged or left over.
+fn check(data: &Path, cut: usize) {
+    let checked = command().arg("check").arg("--data").arg(data).output().unwrap();
+    let found = String::from_utf8_lossy(&checked.stdout);
+    assert!(checked.status.success(), "after {cut}: {found}");
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn whatever_was_answered_survives_a_power_cut_at_any_time() {
     let disk = Disk::new();
@@ -179,10 +186,15 @@ async fn whatever_was_answered_survives_a_power_cut_at_any_time() {
         let copy = tempfile::tempdir().unwrap();
         disk.survivors(cut, copy.path());
         let data = copy.path().join(DATA);
+        let is_answer = told.iter().any(|(at, _)| *at == cut);
+        if is_answer {
+            check(&data, cut);
+        }
         let service = Served::start(&data, None);
         let by_then: Vec<&Told> =
             told.iter().filter(|(at, _)| *at <= cut).map(|(_, told)| told).collect();
-        let is_answer = told.iter().any(|(at, _)| *at == cut);
         ask(&service, &by_then, cut, is_answer).await;
+        drop(service);
+        check(&data, cut);
     }
 }

@@ -9,7 +9,7 @@ use tokio::sync::oneshot;
 use super::super::test_support::{keys, service};
 use super::*;
 use crate::registry::{
-    Counts, Cursor, Filter, HostSketch, MarkSource, Order, Page, Registry, Sqlite,
+    Counts, Cursor, Filter, HostSketch, Identity, MarkSource, Order, Page, Registry, Sqlite,
     StoredVerification, sample_record,
 };
 
@@ -69,6 +69,9 @@ impl Registry for Halting {
     async fn keep_sketch(&self, host: &[u8; 32], sketch: &[u8]) -> Result<(), RegistryError> {
         self.inner.keep_sketch(host, sketch).await
     }
+    async fn uses_host(&self, geometry: &[u8; 32]) -> Result<bool, RegistryError> {
+        self.inner.uses_host(geometry).await
+    }
     async fn sketches(&self, after: i64, limit: u32) -> Result<Vec<HostSketch>, RegistryError> {
         self.inner.sketches(after, limit).await
     }
@@ -94,6 +97,9 @@ impl Registry for Halting {
     async fn verification(&self, id: Uuid) -> Result<Option<StoredVerification>, RegistryError> {
         self.inner.verification(id).await
     }
+    async fn seen(&self) -> Result<Option<Identity>, RegistryError> {
+        self.inner.seen().await
+    }
     async fn ping(&self) -> Result<(), RegistryError> {
         self.inner.ping().await
     }
@@ -114,7 +120,7 @@ async fn what_is_revoked_while_it_is_registered_is_not_found() {
 
     let (registering, mark) = (service.clone(), record.clone());
     let registering = tokio::spawn(async move {
-        let host = KeptHost { geometry: Bytes::from_static(b"host"), sketch: None };
+        let host = KeptHost { key: [3; 32], geometry: Bytes::from_static(b"host"), sketch: None };
         registering.register(&mark, Some(Bytes::from_static(b"file")), Some(host), None).await
     });
     has_committed.await.unwrap();

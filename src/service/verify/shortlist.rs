@@ -11,7 +11,7 @@ use super::super::{Service, ServiceError};
 use super::Depth;
 use super::at_home::Housed;
 use super::named::Named;
-use crate::blobs::{Kind, geometry};
+use crate::blobs::geometry;
 use crate::recognition::Home;
 use crate::registration::{Probe, Shape};
 use crate::registry::Record;
@@ -55,8 +55,7 @@ impl Service {
         let most = most(depth);
         let mut named_hosts: Vec<HostKey> = Vec::new();
         let records = named.map(Named::records).unwrap_or_default();
-        for record in records.iter().rev().filter(|record| record.host_kept) {
-            let key = HostKey::new(&record.host_sha256);
+        for key in records.iter().rev().filter_map(HostKey::of) {
             if !named_hosts.contains(&key) {
                 named_hosts.push(key);
             }
@@ -115,22 +114,20 @@ impl Service {
         id: Uuid,
     ) -> Result<Option<(HostKey, Vec<Uuid>)>, ServiceError> {
         let Some(record) = self.registry.record(id).await? else { return Ok(None) };
-        let key = HostKey::new(&record.host_sha256);
+        let Some(key) = HostKey::of(&record) else { return Ok(None) };
         // (Behind a lock that a registration may hold.)
         let service = self.clone();
         let records = tokio::task::spawn_blocking(move || service.hosts.records_of(key)).await;
         let records = records.map_err(|error| ServiceError::Internal(error.to_string()))?;
-        Ok((record.host_kept && records.len() > 1).then_some((key, records)))
+        Ok((records.len() > 1).then_some((key, records)))
     }
 
-    /// All records of a host have the same; an operator may have removed some.
+    /// All records of a host have the same.
     async fn geometry_of(&self, records: &[Record]) -> Result<Option<Bytes>, ServiceError> {
-        for record in records {
-            if let Some(bytes) = self.blobs.get(Kind::Host, record.id).await? {
-                return Ok(Some(bytes));
-            }
+        match records.first().and_then(|record| record.host_geometry) {
+            Some(key) => Ok(self.blobs.host(&key).await?),
+            None => Ok(None),
         }
-        Ok(None)
     }
 
     /// On the pool: unpacks what is not in memory, and keeps it there.
