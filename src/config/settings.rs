@@ -113,7 +113,7 @@ pub struct Settings {
     /// Uploads on their way at once; more are refused with 503 [default: 64]
     #[arg(long, env = "QUADMARK_MAX_UPLOADS", value_name = "COUNT")]
     pub max_uploads: Option<usize>,
-    /// Bytes that all uploads may take of the disk together [default: 16 times max_body_bytes]
+    /// Bytes that all uploads may take of the disk together [default: 16 largest bodies]
     #[arg(long, env = "QUADMARK_UPLOAD_BUDGET_BYTES", value_name = "BYTES")]
     pub upload_budget_bytes: Option<u64>,
     /// Bytes of the disk that stay free: with less, uploads are refused with 507 and /readyz fails

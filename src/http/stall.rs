@@ -134,7 +134,7 @@ mod tests {
     async fn a_reader_that_stops_ends_the_writer() {
         let (near, mut far) = duplex(1 << 10);
         let mut near = Writes::new(near, LIMIT);
-        let writing = tokio::spawn(async move { near.write_all(&[0; 1 << 20]).await });
+        let writing = tokio::spawn(async move { near.write_all(&vec![0; 1 << 20]).await });
         far.read_exact(&mut [0; 3 << 10]).await.unwrap();
         assert_eq!(writing.await.unwrap().unwrap_err().kind(), io::ErrorKind::TimedOut);
     }
@@ -143,7 +143,7 @@ mod tests {
     async fn one_that_takes_a_byte_at_a_time_does_not_hold_it() {
         let (near, mut far) = duplex(1 << 10);
         let mut near = Writes::new(near, LIMIT);
-        let writing = tokio::spawn(async move { near.write_all(&[0; 1 << 20]).await });
+        let writing = tokio::spawn(async move { near.write_all(&vec![0; 1 << 20]).await });
         let reading = async {
             while far.read_u8().await.is_ok() {
                 tokio::time::sleep(Duration::from_millis(20)).await;

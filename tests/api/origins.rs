@@ -16,7 +16,9 @@ async fn send(
         request = request.header(*name, *value);
     }
     if method == Method::POST {
-        request = request.multipart(file_form(obj()).text("owner_id", "acme"));
+        let form = file_form(obj());
+        let marks = path == "/v1/watermarks";
+        request = request.multipart(if marks { form.text("owner_id", "acme") } else { form });
     }
     request.send().await.unwrap()
 }
