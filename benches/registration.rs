@@ -21,7 +21,7 @@ use quadmark::marking::{MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
 use quadmark::registration::{
-    Alignment, Effort, PreparedHost, PreparedSuspect, Shape, Similarity, register,
+    Alignment, Budget, Effort, PreparedHost, PreparedSuspect, Shape, Similarity, Within, register,
 };
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message};
@@ -127,7 +127,9 @@ impl Prepared {
         let suspect = shuffled(mesh, &place, random);
         let start = Instant::now();
         let suspect = PreparedSuspect::new(Shape::new(Surface::new(&suspect)).unwrap());
-        let found = register(host, &suspect, Effort::Thorough, &|| false);
+        let budget = Budget::new(u64::MAX);
+        let within = Within { budget: &budget, stop: &|| false };
+        let found = register(host, &suspect, Effort::Thorough, within);
         let time = start.elapsed().as_secs_f64();
         let error =
             |a: &Alignment| a.similarity.apply(place.apply(*centre)).distance(*centre) / diagonal;

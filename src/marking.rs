@@ -12,14 +12,14 @@ use serde::{Serialize, Serializer};
 
 use crate::formats::{Agreement, Asset, Format, FormatError, Limits, Written, agrees};
 use crate::mesh::Mesh;
-use crate::mesh::quality::{Quality, quality};
+use crate::mesh::quality::{Quality, quality_until};
 use crate::mesh::surface::Surface;
 use crate::watermark::{
     BitCount, Codeword, EmbedParams, Embedding, Extraction, Frame, Host, MarkKey, Message, Method,
     Modulation, Strength, WatermarkError, embed, extract_from_surface, needed_bins,
 };
 
-pub use inspect::{Inspection, inspect, inspect_asset};
+pub use inspect::{Inspection, inspect, inspect_asset, inspect_asset_until};
 pub use within::MaxDistortion;
 
 /// Why a file was not marked.
@@ -124,7 +124,19 @@ fn name<S: Serializer>(method: &Method, to: S) -> Result<S::Ok, S::Error> {
 /// # Errors
 /// [`MarkError`]; nothing but the error is left then.
 pub fn mark(host: &[u8], request: &MarkRequest<'_>) -> Result<Marked, MarkError> {
-    mark_by(host, request, |attempt| attempt(request.params.strength))
+    mark_asset(Asset::read(host, &request.limits)?, host, request)
+}
+
+/// Marks a file that was read already: `asset` is what [`Asset::read`] made of `host`.
+///
+/// # Errors
+/// As [`mark`].
+pub fn mark_asset(
+    asset: Asset,
+    host: &[u8],
+    request: &MarkRequest<'_>,
+) -> Result<Marked, MarkError> {
+    mark_by(asset, host, request, |attempt| attempt(request.params.strength))
 }
 
 /// Marks a file as strongly as it can without distorting it by more than `limit`, at most
@@ -140,8 +152,22 @@ pub fn mark_within(
     limit: MaxDistortion,
     strongest: Strength,
 ) -> Result<Marked, MarkError> {
+    mark_asset_within(Asset::read(host, &request.limits)?, host, request, limit, strongest)
+}
+
+/// The same for a file that was read already: `asset` is what [`Asset::read`] made of `host`.
+///
+/// # Errors
+/// As [`mark_within`].
+pub fn mark_asset_within(
+    asset: Asset,
+    host: &[u8],
+    request: &MarkRequest<'_>,
+    limit: MaxDistortion,
+    strongest: Strength,
+) -> Result<Marked, MarkError> {
     let start = request.params.strength;
-    mark_by(host, request, |attempt| {
+    mark_by(asset, host, request, |attempt| {
         within::strongest_within(limit, start, strongest, |strength| {
             attempt(strength).map(|made| (made.quality.mrms, made))
         })
@@ -165,13 +191,13 @@ const STEP: f64 = 0.02;
 
 /// Marks a file by the embedding that `choose` settles for, given a way to make one.
 fn mark_by(
+    asset: Asset,
     host: &[u8],
     request: &MarkRequest<'_>,
     choose: impl FnOnce(&dyn Fn(Strength) -> Result<Made, MarkError>) -> Result<Made, MarkError>,
 ) -> Result<Marked, MarkError> {
-    let MarkRequest { key, message, params, limits, stop, .. } = *request;
+    let MarkRequest { key, message, params, stop, .. } = *request;
     let cancelled = || if stop() { Err(WatermarkError::Cancelled) } else { Ok(()) };
-    let asset = Asset::read(host, &limits)?;
     cancelled()?;
     let codeword = Codeword::new(key, message);
     let (bytes, made, carriers) = {
@@ -181,7 +207,7 @@ fn mark_by(
             let (mesh, surface, pinned) = (asset.mesh(), &surface, asset.pinned());
             let seen = Host { mesh, surface, pinned, round: &round };
             let embedding = embed(seen, &codeword, &EmbedParams { strength, ..params }, stop)?;
-            let quality = quality_of(surface, &embedding.positions)?;
+            let quality = quality_of(surface, &embedding.positions, stop)?;
             Ok(Made { embedding, quality, strength, step })
         };
         let width = bin_width(&surface, params.bits);
@@ -237,12 +263,20 @@ fn bin_width(surface: &Surface, bits: BitCount) -> f64 {
 }
 
 /// Measures positions of file vertices, as they will be written, against the host.
-fn quality_of(surface: &Surface, positions: &[glam::DVec3]) -> Result<Quality, MarkError> {
+fn quality_of(
+    surface: &Surface,
+    positions: &[glam::DVec3],
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Quality, MarkError> {
     let at = |&vertex: &u32| positions.get(usize::try_from(vertex).ok()?).copied();
     let moved: Option<Vec<glam::DVec3>> = surface.first_vertex.iter().map(at).collect();
-    moved
-        .and_then(|moved| quality(surface, &moved))
-        .ok_or_else(|| MarkError::Check("what it does to the surface cannot be measured".into()))
+    moved.and_then(|moved| quality_until(surface, &moved, stop)).ok_or_else(|| {
+        if stop() {
+            WatermarkError::Cancelled.into()
+        } else {
+            MarkError::Check("what it does to the surface cannot be measured".into())
+        }
+    })
 }
 
 /// Reads the written bytes as a stranger would and compares with what was meant.

@@ -9,7 +9,8 @@ use quadmark::formats::Format;
 use quadmark::keys::KeyRing;
 use quadmark::registry::Record;
 use quadmark::service::{
-    Depth, EmbedRequest, OnExisting, Service, Spooled, Text, Verification, VerifyRequest,
+    Depth, EmbedRequest, OnExisting, Service, ServiceError, Spooled, Text, Verification,
+    VerifyRequest,
 };
 use quadmark::watermark::{BitCount, Codeword, MarkKey, Message, Method, Strength};
 
@@ -54,9 +55,21 @@ impl Bench {
         spool.end(None).await.unwrap()
     }
 
+    #[allow(dead_code)] // not every benchmark marks what must be fit for it
     /// Marks a file, which is kept, for an owner. A later run over the same directory gets the same
     /// mark again.
     pub async fn mark(&self, file: &[u8], owner: &str, kind: Kind) -> Mark {
+        self.try_mark(file, owner, kind).await.unwrap()
+    }
+
+    /// The same where the file may not be fit for a mark.
+    #[allow(dead_code)] // not every benchmark marks whatever there is
+    pub async fn try_mark(
+        &self,
+        file: &[u8],
+        owner: &str,
+        kind: Kind,
+    ) -> Result<Mark, ServiceError> {
         let request = EmbedRequest {
             file: self.upload(file).await,
             owner_id: Text::parse("owner_id", owner).unwrap(),
@@ -78,7 +91,7 @@ impl Bench {
                 kind.bits.get()
             )),
         };
-        let embedded = self.service.embed(request).await.unwrap();
+        let embedded = self.service.embed(request).await?;
         let record = embedded.record;
         let key = self.keys.mark_key(&record.key_id, &record.salt, &record.owner_id).unwrap();
         let message = Message::from_bytes(&record.message, record.bits).unwrap();
@@ -87,7 +100,7 @@ impl Bench {
         let length = content.bytes();
         let parts = content.begin(0..length).await.unwrap();
         let bytes = parts.try_collect::<Vec<_>>().await.unwrap().concat();
-        Mark { record, bytes, codeword }
+        Ok(Mark { record, bytes, codeword })
     }
 
     /// Whose marks a file carries; with an owner, which of that owner's.

@@ -143,6 +143,9 @@ pub enum FormatError {
         /// Why, and what to do.
         reason: String,
     },
+    /// The caller gave up.
+    #[error("reading was given up")]
+    Cancelled,
     /// No triangles at all.
     #[error("the file has no triangles, so there is no surface to mark or read")]
     NoTriangles,
@@ -167,6 +170,13 @@ impl From<MeshError> for FormatError {
     }
 }
 
+/// Whether to give up.
+type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+
+fn go_on(stop: Stop<'_>) -> Result<(), FormatError> {
+    if stop() { Err(FormatError::Cancelled) } else { Ok(()) }
+}
+
 /// A parsed file: its geometry, and where in the bytes each coordinate stands.
 ///
 /// Holds no copy of the bytes; the caller hands them in again to [`Asset::write`].
@@ -189,6 +199,14 @@ impl Asset {
     /// # Errors
     /// [`FormatError`], naming the line or the JSON path.
     pub fn read(bytes: &[u8], limits: &Limits) -> Result<Self, FormatError> {
+        Self::read_until(bytes, limits, &|| false)
+    }
+
+    /// The same, asking `stop` before each stretch of a megabyte or so.
+    ///
+    /// # Errors
+    /// Also [`FormatError::Cancelled`], once `stop` answers `true`.
+    pub fn read_until(bytes: &[u8], limits: &Limits, stop: Stop<'_>) -> Result<Self, FormatError> {
         if bytes.len() > limits.max_bytes {
             return Err(FormatError::TooLarge {
                 what: "bytes",
@@ -199,11 +217,11 @@ impl Asset {
         let format = sniff(bytes)?;
         let (mesh, layout) = match format {
             Format::Obj => {
-                let (mesh, layout) = obj::read(bytes, limits)?;
+                let (mesh, layout) = obj::read(bytes, limits, stop)?;
                 (mesh, Layout::Obj(layout))
             }
             Format::Gltf | Format::Glb => {
-                let (mesh, layout) = gltf::read(bytes, format, limits)?;
+                let (mesh, layout) = gltf::read(bytes, format, limits, stop)?;
                 (mesh, Layout::Gltf(layout))
             }
         };

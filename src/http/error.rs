@@ -150,10 +150,13 @@ impl From<ServiceError> for ApiError {
             ServiceError::StorageFull(_) => Code::InsufficientStorage,
             ServiceError::Job(JobError::Busy { .. }) => Code::Busy,
             ServiceError::Job(JobError::DeadlinePassed) => Code::DeadlineExceeded,
-            ServiceError::Job(JobError::ShuttingDown) => Code::ShuttingDown,
+            // (Nobody reads the answer to one who hung up.)
+            ServiceError::Job(JobError::ShuttingDown | JobError::HungUp) => Code::ShuttingDown,
+            ServiceError::Job(JobError::TooMuchMemory { .. }) => Code::TooLarge,
             ServiceError::Check(_) => Code::CheckFailed,
             ServiceError::Internal(text) => return Self::internal(text),
             ServiceError::Job(JobError::Panicked) => return Self::internal("a job panicked"),
+            ServiceError::Job(JobError::Again { .. }) => return Self::internal(&error.to_string()),
         };
         if code.status().is_server_error() {
             error!(%error, code = code.name(), "request failed");
@@ -182,6 +185,7 @@ fn format_code(error: &FormatError) -> Code {
         FormatError::CannotPatch { .. } => Code::CannotPatch,
         FormatError::NoTriangles => Code::NoTriangles,
         FormatError::ReadBack { .. } => Code::CheckFailed,
+        FormatError::Cancelled => Code::DeadlineExceeded,
     }
 }
 

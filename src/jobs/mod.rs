@@ -5,22 +5,38 @@
 //! its permits inside: a client that hangs up, or a handler that is dropped, cannot make more jobs
 //! run than there are workers. (With the permits on the async side, 12 jobs ran at once where 2
 //! should.) A panic is contained to its job. Must not know what the jobs do.
+//!
+//! A request with several jobs runs them in one [`Slot`]: it is refused before the first or not at
+//! all, has one deadline, and draining waits for all of it.
+//!
+//! Memory is reserved from the size of an upload before it is read, and anew from what was found in
+//! it ([`Allowance::need`]). No two jobs wait for each other: the reservation of a request is taken
+//! whole or not at all, and what a later job needs beyond it is of a share of its own, which is
+//! always asked for after the former.
 
+mod slot;
 mod stop;
+#[cfg(test)]
+mod tests;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+pub use slot::{Allowance, Slot};
 pub use stop::Stop;
 
 /// One permit of the memory budget stands for this many bytes.
 const MEMORY_UNIT: u64 = 1 << 20;
+
+/// One part in so many of the memory budget is for what later jobs of a request need beyond their
+/// first reservation: hosts that a suspect is compared with.
+const LATER_SHARE: u64 = 8;
 
 /// Why a job did not run to its end.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -37,6 +53,25 @@ pub enum JobError {
     /// The service is going down.
     #[error("the service is shutting down")]
     ShuttingDown,
+    /// Nobody waits for the answer.
+    #[error("the client hung up")]
+    HungUp,
+    /// The file needs more memory than all jobs together may have.
+    #[error(
+        "the file takes about {} MiB of memory to process, more than the service may use for all of \
+         its work; send a smaller mesh, or raise memory_budget_bytes",
+        bytes.div_ceil(MEMORY_UNIT)
+    )]
+    TooMuchMemory {
+        /// What it needs.
+        bytes: u64,
+    },
+    /// The job needs more memory than is free now, and is to be run again with as much.
+    #[error("the job needs {bytes} bytes of memory")]
+    Again {
+        /// What it needs in all.
+        bytes: u64,
+    },
     /// The job panicked: a bug, contained.
     #[error("the job failed unexpectedly")]
     Panicked,
@@ -52,17 +87,35 @@ pub struct Pool {
 struct Shared {
     slots: Arc<Semaphore>,
     workers: Arc<Semaphore>,
-    memory: Arc<Semaphore>,
-    memory_units: u32,
+    memory: Share,
+    later: Share,
     running: AtomicUsize,
     stopping: CancellationToken,
     jobs: TaskTracker,
 }
 
-/// A place among the jobs that wait or run; given back when dropped.
+/// A share of the memory budget.
 #[derive(Debug)]
-pub struct Slot {
-    _permit: OwnedSemaphorePermit,
+struct Share {
+    free: Arc<Semaphore>,
+    units: u32,
+}
+
+impl Share {
+    fn new(bytes: u64) -> Self {
+        let units = units(bytes);
+        let permits = usize::try_from(units).unwrap_or(Semaphore::MAX_PERMITS);
+        Self { free: Arc::new(Semaphore::new(permits)), units }
+    }
+}
+
+/// What a job needs before it runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Memory {
+    /// So many bytes, instead of what the request has reserved so far.
+    Of(u64),
+    /// What the request has reserved, and so many bytes for this job alone.
+    Beyond(u64),
 }
 
 impl Pool {
@@ -70,14 +123,13 @@ impl Pool {
     /// to need at most `memory_bytes`.
     #[must_use]
     pub fn new(workers: usize, queue: usize, memory_bytes: u64) -> Self {
-        let memory_units = units(memory_bytes);
         let slots = workers.saturating_add(queue).min(Semaphore::MAX_PERMITS);
-        let memory = usize::try_from(memory_units).unwrap_or(Semaphore::MAX_PERMITS);
+        let later = memory_bytes / LATER_SHARE;
         let shared = Shared {
             slots: Arc::new(Semaphore::new(slots)),
             workers: Arc::new(Semaphore::new(workers)),
-            memory: Arc::new(Semaphore::new(memory)),
-            memory_units,
+            memory: Share::new(memory_bytes - later),
+            later: Share::new(later),
             running: AtomicUsize::new(0),
             stopping: CancellationToken::new(),
             jobs: TaskTracker::new(),
@@ -91,7 +143,7 @@ impl Pool {
     /// # Errors
     /// [`JobError::Busy`] or [`JobError::ShuttingDown`].
     pub fn check(&self) -> Result<(), JobError> {
-        if self.shared.stopping.is_cancelled() {
+        if self.shared.stopping.is_cancelled() || self.shared.slots.is_closed() {
             return Err(JobError::ShuttingDown);
         }
         if self.shared.slots.available_permits() == 0 {
@@ -100,53 +152,66 @@ impl Pool {
         Ok(())
     }
 
-    /// Takes a place among the jobs that wait, or refuses at once.
+    /// Takes a place among the jobs that wait, or refuses at once. All jobs in it end by `deadline`.
     ///
     /// # Errors
     /// [`JobError::Busy`] or [`JobError::ShuttingDown`].
-    pub fn admit(&self) -> Result<Slot, JobError> {
+    pub fn admit(&self, deadline: Instant) -> Result<Slot, JobError> {
         self.check()?;
-        self.shared
-            .slots
-            .clone()
-            .try_acquire_owned()
-            .map(|permit| Slot { _permit: permit })
-            .map_err(|_| self.busy())
+        let place = self.shared.slots.clone().try_acquire_owned().map_err(|_| self.busy())?;
+        let stop = Stop::new(deadline, self.shared.stopping.clone());
+        Ok(Slot::new(place, self.shared.jobs.token(), stop))
     }
 
-    /// Runs a job, as soon as a worker is free and `memory_bytes` fit. A job that needs more than
-    /// the whole budget runs alone.
+    /// Runs a job, as soon as a worker is free and its memory fits. A job that needs more than the
+    /// whole budget runs alone.
     ///
     /// # Errors
-    /// [`JobError::DeadlinePassed`], [`JobError::ShuttingDown`], [`JobError::Panicked`].
+    /// [`JobError::DeadlinePassed`], [`JobError::ShuttingDown`], [`JobError::HungUp`],
+    /// [`JobError::Panicked`].
     pub async fn run<T: Send + 'static>(
         &self,
-        slot: Slot,
-        memory_bytes: u64,
-        deadline: Instant,
-        job: impl FnOnce(&Stop) -> T + Send + 'static,
+        slot: &Slot,
+        memory: Memory,
+        job: impl FnOnce(&Allowance) -> T + Send + 'static,
     ) -> Result<T, JobError> {
         let shared = self.shared.clone();
-        let stop = Stop::new(deadline, shared.stopping.clone());
-        let wanted = units(memory_bytes).min(shared.memory_units);
+        let (share, bytes) = match memory {
+            Memory::Of(bytes) => {
+                slot.held.memory().take();
+                (&shared.memory, bytes)
+            }
+            Memory::Beyond(bytes) => (&shared.later, bytes),
+        };
+        let wanted = units(bytes).min(share.units);
         let permits = async {
             // Memory first: whoever waits for memory must not keep a worker idle.
-            let memory = shared.memory.clone().acquire_many_owned(wanted).await;
+            let memory = share.free.clone().acquire_many_owned(wanted).await;
             let worker = shared.workers.clone().acquire_owned().await;
             (memory, worker)
         };
-        let (memory, worker) = tokio::select! {
+        let (reserved, worker) = tokio::select! {
             permits = permits => permits,
-            () = tokio::time::sleep_until(deadline.into()) => return Err(JobError::DeadlinePassed),
-            () = shared.stopping.cancelled() => return Err(JobError::ShuttingDown),
+            reason = slot.stop.wait() => return Err(reason),
         };
-        let (Ok(memory), Ok(worker)) = (memory, worker) else {
+        let (Ok(reserved), Ok(worker)) = (reserved, worker) else {
             return Err(JobError::ShuttingDown);
         };
+        let mut beyond = None;
+        match memory {
+            Memory::Of(_) => *slot.held.memory() = Some(reserved),
+            Memory::Beyond(_) => beyond = Some(reserved),
+        }
+        let allowance = Allowance {
+            stop: slot.stop.clone(),
+            held: slot.held.clone(),
+            budget: shared.memory.free.clone(),
+            budget_units: shared.memory.units,
+        };
         let counted = Running::new(shared.clone());
-        let handle = self.shared.jobs.spawn_blocking(move || {
-            let _held = (slot, memory, worker, counted);
-            catch_unwind(AssertUnwindSafe(|| job(&stop)))
+        let handle = tokio::task::spawn_blocking(move || {
+            let _held = (beyond, worker, counted);
+            catch_unwind(AssertUnwindSafe(|| job(&allowance)))
         });
         match handle.await {
             Ok(Ok(done)) => Ok(done),
@@ -166,8 +231,8 @@ impl Pool {
         self.shared.slots.available_permits()
     }
 
-    /// Takes no more jobs, gives those that run `grace` to end, then tells them to stop. Returns
-    /// whether all of them ended by themselves.
+    /// Takes no more requests, gives those that have a place `grace` to end, then tells their jobs to
+    /// stop. Returns whether all of them ended by themselves.
     pub async fn drain(&self, grace: Duration) -> bool {
         self.shared.slots.close();
         self.shared.jobs.close();
@@ -201,125 +266,5 @@ impl Running {
 impl Drop for Running {
     fn drop(&mut self) {
         self.0.running.fetch_sub(1, Ordering::Relaxed);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::sync::atomic::AtomicU32;
-
-    const LONG: Duration = Duration::from_secs(20);
-
-    fn soon() -> Instant {
-        Instant::now() + LONG
-    }
-
-    /// Runs `jobs` jobs of `bytes` each at once; the most that ever ran together.
-    async fn most_at_once(pool: &Pool, jobs: usize, bytes: u64, hang_up: bool) -> u32 {
-        let (now, most) = (Arc::new(AtomicU32::new(0)), Arc::new(AtomicU32::new(0)));
-        let mut tasks = tokio::task::JoinSet::new();
-        for _ in 0..jobs {
-            let (pool, now, most) = (pool.clone(), now.clone(), most.clone());
-            tasks.spawn(async move {
-                let slot = pool.admit().unwrap();
-                let job = pool.run(slot, bytes, soon(), move |_| {
-                    let running = now.fetch_add(1, Ordering::SeqCst) + 1;
-                    most.fetch_max(running, Ordering::SeqCst);
-                    std::thread::sleep(Duration::from_millis(30));
-                    now.fetch_sub(1, Ordering::SeqCst);
-                });
-                if hang_up {
-                    let _ = tokio::time::timeout(Duration::from_millis(10), job).await;
-                } else {
-                    job.await.unwrap();
-                }
-            });
-        }
-        while tasks.join_next().await.is_some() {}
-        pool.drain(LONG).await;
-        most.load(Ordering::SeqCst)
-    }
-
-    #[tokio::test(flavor = "multi_thread")]
-    async fn never_more_than_the_workers() {
-        assert_eq!(most_at_once(&Pool::new(2, 20, 1 << 40), 12, 1, false).await, 2);
-        assert!(most_at_once(&Pool::new(2, 20, 1 << 40), 12, 1, true).await <= 2);
-    }
-
-    #[tokio::test(flavor = "multi_thread")]
-    async fn never_more_than_the_memory() {
-        let budget = 100 << 20;
-        assert_eq!(most_at_once(&Pool::new(8, 20, budget), 8, 50 << 20, false).await, 2);
-        // More than the whole budget: alone, not never.
-        assert_eq!(most_at_once(&Pool::new(8, 20, budget), 3, 1 << 50, false).await, 1);
-    }
-
-    #[tokio::test]
-    async fn a_full_queue_refuses_at_once() {
-        let pool = Pool::new(1, 1, 1 << 30);
-        let first = pool.admit().unwrap();
-        let _second = pool.admit().unwrap();
-        assert!(matches!(pool.admit(), Err(JobError::Busy { .. })));
-        assert!(matches!(pool.check(), Err(JobError::Busy { .. })));
-        drop(first);
-        pool.check().unwrap();
-        pool.admit().unwrap();
-    }
-
-    #[tokio::test]
-    async fn a_panic_is_contained() {
-        let pool = Pool::new(1, 0, 1 << 30);
-        for _ in 0..3 {
-            let slot = pool.admit().unwrap();
-            let ended = pool.run(slot, 1, soon(), |_| panic!("on purpose")).await;
-            assert_eq!(ended, Err::<(), _>(JobError::Panicked));
-        }
-        assert_eq!(pool.run(pool.admit().unwrap(), 1, soon(), |_| 7).await, Ok(7));
-        assert_eq!(pool.running(), 0);
-    }
-
-    #[tokio::test]
-    async fn the_deadline_ends_waiting_and_tells_the_job() {
-        let pool = Pool::new(1, 1, 1 << 30);
-        let near = Instant::now() + Duration::from_millis(50);
-        let (slow, late) = (pool.admit().unwrap(), pool.admit().unwrap());
-        let slow = pool.run(slow, 1, near, |stop| {
-            while !stop.now() {
-                std::thread::sleep(Duration::from_millis(5));
-            }
-            std::thread::sleep(Duration::from_millis(50));
-            stop.now()
-        });
-        let late = pool.run(late, 1, near, |_| ());
-        let (slow, late) = tokio::join!(slow, late);
-        assert_eq!(slow, Ok(true));
-        assert_eq!(late, Err(JobError::DeadlinePassed));
-    }
-
-    #[tokio::test(flavor = "multi_thread")]
-    async fn draining_waits_then_stops() {
-        for (grace, ends) in [(LONG, true), (Duration::from_millis(20), false)] {
-            let pool = Pool::new(1, 1, 1 << 30);
-            let slot = pool.admit().unwrap();
-            let running = tokio::spawn({
-                let pool = pool.clone();
-                async move {
-                    pool.run(slot, 1, soon(), |stop| {
-                        let start = Instant::now();
-                        while !stop.now() && start.elapsed() < Duration::from_millis(200) {
-                            std::thread::sleep(Duration::from_millis(5));
-                        }
-                    })
-                    .await
-                }
-            });
-            while pool.running() == 0 {
-                tokio::task::yield_now().await;
-            }
-            assert_eq!(pool.drain(grace).await, ends);
-            assert!(matches!(pool.admit(), Err(JobError::ShuttingDown)));
-            running.await.unwrap().unwrap();
-        }
     }
 }

@@ -1,26 +1,57 @@
-//! When a job should give up: its deadline passed, or the service is going down.
+//! When a job should give up: its deadline passed, nobody waits for it any more, or the service is
+//! going down.
 
 use std::time::Instant;
 
 use tokio_util::sync::CancellationToken;
 
-/// Handed to every job, to be asked between stages.
+use super::JobError;
+
+/// Handed to every job, to be asked between steps.
 #[derive(Debug, Clone)]
 pub struct Stop {
     deadline: Instant,
+    /// A child of `stopping`: one look tells both.
+    hung_up: CancellationToken,
     stopping: CancellationToken,
 }
 
 impl Stop {
-    /// Stops at `deadline`, or when `stopping` is cancelled.
+    /// Stops at `deadline`, when `stopping` is cancelled, or when the stop is [hung up](Self::hang_up).
     #[must_use]
     pub fn new(deadline: Instant, stopping: CancellationToken) -> Self {
-        Self { deadline, stopping }
+        Self { deadline, hung_up: stopping.child_token(), stopping }
     }
 
     /// Whether to give up now.
     #[must_use]
     pub fn now(&self) -> bool {
-        self.stopping.is_cancelled() || Instant::now() >= self.deadline
+        self.hung_up.is_cancelled() || Instant::now() >= self.deadline
+    }
+
+    /// Why to give up.
+    #[must_use]
+    pub fn reason(&self) -> JobError {
+        if self.stopping.is_cancelled() {
+            JobError::ShuttingDown
+        } else if self.hung_up.is_cancelled() {
+            JobError::HungUp
+        } else {
+            JobError::DeadlinePassed
+        }
+    }
+
+    /// Tells all jobs with this stop that nobody waits for them.
+    pub(super) fn hang_up(&self) {
+        self.hung_up.cancel();
+    }
+
+    /// Ends when there is a reason to give up.
+    pub(super) async fn wait(&self) -> JobError {
+        tokio::select! {
+            () = tokio::time::sleep_until(self.deadline.into()) => {}
+            () = self.hung_up.cancelled() => {}
+        }
+        self.reason()
     }
 }

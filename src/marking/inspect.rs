@@ -64,20 +64,36 @@ pub fn inspect(
 /// # Errors
 /// [`WatermarkError::NoRadialExtent`].
 pub fn inspect_asset(asset: &Asset, params: &EmbedParams) -> Result<Inspection, MarkError> {
+    inspect_asset_until(asset, params, &|| false)
+}
+
+/// The same, asking `stop` before each of the 256 lattices.
+///
+/// # Errors
+/// Also [`WatermarkError::Cancelled`].
+pub fn inspect_asset_until(
+    asset: &Asset,
+    params: &EmbedParams,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Inspection, MarkError> {
     let surface = Surface::new(asset.mesh());
     let centre = surface.centre();
     let norms = crate::watermark::bins::norms(&surface.positions, centre);
     let frame = Frame::spanning(centre, &norms);
     let modulation = params.method.modulation();
     let poorest = (0..=u8::MAX)
+        .take_while(|_| !stop())
         .filter_map(|class| Reading::in_frame(frame, &norms, class, params.bits, modulation))
         .map(|reading| {
             let mut counts: Vec<usize> = reading.statistics.iter().map(|s| s.count).collect();
             counts.sort_unstable();
             (reading.statistics.iter().filter(|s| !s.is_erasure()).count(), counts)
         })
-        .min()
-        .ok_or(WatermarkError::NoRadialExtent { vertices: norms.len() })?;
+        .min();
+    if stop() {
+        return Err(WatermarkError::Cancelled.into());
+    }
+    let poorest = poorest.ok_or(WatermarkError::NoRadialExtent { vertices: norms.len() })?;
     let (usable_bins, counts) = poorest;
     let median_count = counts.get(counts.len() / 2).copied().unwrap_or(0);
     let sigma = match modulation {

@@ -66,11 +66,27 @@ pub struct Quality {
 /// their squares are no numbers.
 #[must_use]
 pub fn quality(surface: &Surface, moved: &[DVec3]) -> Option<Quality> {
-    measured(surface, moved, SAMPLES, SAMPLES_PER_KIND)
+    quality_until(surface, moved, &|| false)
+}
+
+/// The same, asking `stop` before each few thousand samples; `None` once it answers `true`.
+#[must_use]
+pub fn quality_until(
+    surface: &Surface,
+    moved: &[DVec3],
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Option<Quality> {
+    measured(surface, moved, SAMPLES, SAMPLES_PER_KIND, stop)
 }
 
 /// [`quality`] with `samples` per kind that are weighted as if they were `weight`.
-fn measured(surface: &Surface, moved: &[DVec3], samples: usize, weight: usize) -> Option<Quality> {
+fn measured(
+    surface: &Surface,
+    moved: &[DVec3],
+    samples: usize,
+    weight: usize,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Option<Quality> {
     let host = surface.positions.as_slice();
     // Their corners must be countable in 32 bits.
     u32::try_from(surface.triangles.len().checked_mul(3)?).ok()?;
@@ -81,8 +97,13 @@ fn measured(surface: &Surface, moved: &[DVec3], samples: usize, weight: usize) -
     let (triangles, around) = (surface.triangles.as_slice(), &around);
     let diagonal = surface.diagonal();
     let far = (FAR * diagonal).powi(2);
-    let there = Side { triangles, around, from: moved, to: host, far }.measure(samples, weight);
-    let back = Side { triangles, around, from: host, to: moved, far }.measure(samples, weight);
+    let there =
+        Side { triangles, around, from: moved, to: host, far, stop }.measure(samples, weight);
+    let back =
+        Side { triangles, around, from: host, to: moved, far, stop }.measure(samples, weight);
+    if stop() {
+        return None;
+    }
     let farthest = host.iter().zip(moved).map(|(a, b)| a.distance_squared(*b)).fold(0.0, f64::max);
     let turned = turning(surface, moved);
     let quality = Quality {
@@ -138,6 +159,7 @@ struct Side<'a> {
     to: &'a [DVec3],
     /// Squared distance beyond which a sample is searched for, see [`FAR`].
     far: f64,
+    stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl Side<'_> {
@@ -159,6 +181,9 @@ impl Side<'_> {
         let distance = |vertex| self.distance([vertex; 3], self.from[vertex as usize], vertex);
         let block = |&start: &u32| {
             let mut sums = Sums::default();
+            if (self.stop)() {
+                return sums;
+            }
             for vertex in vertices(start).step_by(stride) {
                 sums.add(distance(vertex));
             }
@@ -171,6 +196,9 @@ impl Side<'_> {
         }
         // No vertex is farther away than it was moved: few of the others can be the farthest.
         let farthest = |&start: &u32| {
+            if (self.stop)() {
+                return 0.0;
+            }
             vertices(start).fold(sums.largest, |largest, vertex| {
                 if self.shift(vertex) > largest { largest.max(distance(vertex)) } else { largest }
             })
@@ -209,6 +237,9 @@ impl Side<'_> {
             .par_chunks(BLOCK)
             .zip(starts)
             .map(|(block, start)| {
+                if (self.stop)() {
+                    return (Sums::default(), Sums::default());
+                }
                 (self.on_sides(block, start.0, steps.0), self.inside(block, start.1, steps.1))
             })
             .collect();
@@ -506,7 +537,7 @@ mod tests {
                 let marked = embed(host, &codeword, &params, &|| false).unwrap().positions;
                 let moved: Vec<DVec3> =
                     surface.first_vertex.iter().map(|&v| marked[v as usize]).collect();
-                let ours = measured(&surface, &moved, 60_000, 60_000).unwrap();
+                let ours = measured(&surface, &moved, 60_000, 60_000, &|| false).unwrap();
                 let twin = Surface { positions: moved, ..surface.clone() };
                 let metro = distortion(&surface, &twin, 60_000).unwrap();
                 let near = |of: f64, other: f64, tolerance: f64| {

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use super::home::{Home, Visitor};
 use crate::registration::similarity::{Pair, fit};
 use crate::registration::{
-    Alignment, Effort, Similarity, by_surface, by_twins, in_place, suffices,
+    Alignment, Effort, Similarity, Within, by_surface, by_twins, in_place, suffices,
 };
 use crate::watermark::{Frame, Sighting};
 
@@ -84,7 +84,7 @@ pub fn looks(
     home: &Home,
     visitor: &Visitor<'_>,
     effort: Effort,
-    stop: &(dyn Fn() -> bool + Sync),
+    within: Within<'_>,
     see: &mut dyn FnMut(Look) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
     let still = Similarity::IDENTITY;
@@ -106,14 +106,14 @@ pub fn looks(
             return ControlFlow::Continue(());
         }
     }
-    let go_on = || if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-    let near = in_place(host, suspect, true, stop);
+    let go_on = || if (within.stop)() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    let near = in_place(host, suspect, true, within);
     let known: Vec<Alignment> = near.into_iter().collect();
     for alignment in &known {
         go_on()?;
         see(from_alignment(visitor, alignment.clone(), LookKind::Near))?;
     }
-    let found = by_surface(host, suspect, effort, &known, stop);
+    let found = by_surface(host, suspect, effort, &known, within);
     for (rank, alignment) in found.into_iter().take(FEW_TWINS).enumerate() {
         go_on()?;
         see(from_alignment(visitor, alignment, LookKind::Registered(rank)))?;
@@ -188,14 +188,17 @@ mod tests {
     use super::*;
     use crate::mesh::Mesh;
     use crate::mesh::surface::Surface;
+    use crate::registration::Budget;
     use crate::sample::Sample;
     use glam::{DQuat, DVec3};
 
     fn all(home: &Home, suspect: &Mesh) -> Vec<Look> {
         let surface = Surface::new(suspect);
         let mut seen = Vec::new();
+        let budget = Budget::new(u64::MAX);
+        let within = Within { budget: &budget, stop: &|| false };
         let visitor = Visitor::new(suspect, &surface);
-        let _ = looks(home, &visitor, Effort::Whole, &|| false, &mut |look| {
+        let _ = looks(home, &visitor, Effort::Whole, within, &mut |look| {
             seen.push(look);
             ControlFlow::Continue(())
         });

@@ -6,12 +6,16 @@
 //! drops those too far from the host or on a surface that faces elsewhere (what was added, or what
 //! the hypothesis has wrong), and takes one Newton step.
 
+use std::cell::Cell;
+
 use glam::DVec3;
 use parry3d_f64::math::Vector;
-use parry3d_f64::query::PointQueryWithLocation;
+use parry3d_f64::partitioning::BvhNode;
+use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
 use rayon::prelude::*;
 
+use super::budget::Within;
 use super::newton::Equations;
 use super::scatter::Point;
 use super::shape::Shape;
@@ -21,9 +25,9 @@ use crate::mesh::surface::doubled_area;
 /// Points whose normals differ by more than 60 degrees do not lie on the same surface.
 const SAME_SIDE: f64 = 0.5;
 
-/// Asked before each search: a surface made of overlapping slivers takes long to search, since every
-/// box of its tree contains every point. `true` finds nothing any more.
-pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+/// Tests after which a search takes what it has: a surface made of overlapping slivers takes long to
+/// search, since every box of its tree contains every point.
+pub(super) const MOST_TESTS: u64 = 10_000;
 
 /// Newton steps that move no point of the unit box by more than this have arrived.
 const ARRIVED: f64 = 3e-7;
@@ -78,24 +82,37 @@ impl Target {
         Some(Self { surface, normals: host.triangles.par_iter().map(normal).collect() })
     }
 
-    /// The triangle that is closest to `p`, if it is within `reach`.
+    /// The triangle that is closest to `p` and its closest place, if it is within `reach`; adds what
+    /// the search took to `tests`.
     #[must_use]
-    pub fn triangle(&self, p: DVec3, reach: f64) -> Option<usize> {
+    pub fn closest(&self, p: DVec3, reach: f64, tests: &mut u64) -> Option<(usize, DVec3)> {
         let at = Vector::new(p.x, p.y, p.z);
-        let (_, (triangle, _)) =
-            self.surface.project_local_point_and_get_location_with_max_dist(at, false, reach)?;
-        usize::try_from(triangle).ok()
+        let made = Cell::new(0_u64);
+        let count = || {
+            made.set(made.get() + 1);
+            made.get() <= MOST_TESTS
+        };
+        let to_box = |node: &BvhNode, _| {
+            if count() { node.aabb().distance_to_local_point(at, true) } else { f64::MAX }
+        };
+        let to_triangle = |triangle: u32, _| {
+            count().then(|| {
+                let found = self.surface.triangle(triangle).project_local_point(at, false).point;
+                ((found - at).length(), found)
+            })
+        };
+        let found = self.surface.bvh().find_best(reach, to_box, to_triangle);
+        *tests += made.get();
+        let (triangle, (_, found)) = found?;
+        Some((usize::try_from(triangle).ok()?, DVec3::new(found.x, found.y, found.z)))
     }
 }
 
 impl Ground for Target {
-    fn touch(&self, s: &Similarity, point: &Point, reach: f64) -> Option<Touch> {
+    fn touch(&self, s: &Similarity, point: &Point, reach: f64, tests: &mut u64) -> Option<Touch> {
         let placed = s.apply(point.position);
-        let at = Vector::new(placed.x, placed.y, placed.z);
-        let (found, (triangle, _)) =
-            self.surface.project_local_point_and_get_location_with_max_dist(at, false, reach)?;
-        let closest = DVec3::new(found.point.x, found.point.y, found.point.z);
-        let normal = *self.normals.get(usize::try_from(triangle).ok()?)?;
+        let (triangle, closest) = self.closest(placed, reach, tests)?;
+        let normal = *self.normals.get(triangle)?;
         let near = placed.distance(closest) < reach;
         (near && same_side(s, point, normal)).then_some(Touch { placed, closest, normal })
     }
@@ -103,18 +120,38 @@ impl Ground for Target {
 
 /// What a suspect is aligned to.
 pub trait Ground: Sync {
-    /// The closest place of the host, if it is within `reach` and faces the same way.
-    fn touch(&self, s: &Similarity, point: &Point, reach: f64) -> Option<Touch>;
+    /// The closest place of the host, if it is within `reach` and faces the same way; adds what the
+    /// search took to `tests`.
+    fn touch(&self, s: &Similarity, point: &Point, reach: f64, tests: &mut u64) -> Option<Touch>;
 
     /// The touches of all points that touch.
-    fn touches(&self, s: &Similarity, points: &[Point], reach: f64, stop: Stop) -> Vec<Touch> {
-        let points = points.par_iter().with_min_len(256);
-        points.filter_map(|p| if stop() { None } else { self.touch(s, p, reach) }).collect()
+    fn touches(
+        &self,
+        s: &Similarity,
+        points: &[Point],
+        reach: f64,
+        within: Within<'_>,
+    ) -> Vec<Touch> {
+        let touch = |p: &Point| {
+            let mut tests = 0;
+            let touch = if (within.stop)() { None } else { self.touch(s, p, reach, &mut tests) };
+            (touch, tests)
+        };
+        let all: Vec<(Option<Touch>, u64)> =
+            points.par_iter().with_min_len(256).map(touch).collect();
+        within.budget.spend(all.iter().map(|(_, tests)| tests).sum());
+        all.into_iter().filter_map(|(touch, _)| touch).collect()
     }
 
     /// How well `points` of a suspect lie on the host where `similarity` puts them.
-    fn judge(&self, similarity: &Similarity, points: &[Point], reach: f64, stop: Stop) -> Fit {
-        let touches = self.touches(similarity, points, reach, stop);
+    fn judge(
+        &self,
+        similarity: &Similarity,
+        points: &[Point],
+        reach: f64,
+        within: Within<'_>,
+    ) -> Fit {
+        let touches = self.touches(similarity, points, reach, within);
         let squares: f64 = touches.iter().map(|t| t.placed.distance_squared(t.closest)).sum();
         let count = touches.len() as f64;
         Fit {
@@ -132,13 +169,13 @@ pub trait Ground: Sync {
         points: &[Point],
         reaches: std::ops::Range<f64>,
         rounds: u32,
-        stop: Stop,
+        within: Within<'_>,
     ) -> Similarity {
         let mut now = *start;
         let shrink = (reaches.end / reaches.start).powf(1.0 / f64::from(rounds.max(2) - 1));
         let mut reach = reaches.start;
         for _ in 0..rounds {
-            let touches = self.touches(&now, points, reach, stop);
+            let touches = self.touches(&now, points, reach, within);
             // Scale is held until the pose is about right: too few touching points pull it to zero.
             let scaled = touches.len() * 4 > points.len();
             let cut = robust_cut(&touches, reach);
@@ -182,6 +219,7 @@ fn robust_cut(touches: &[Touch], reach: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::mesh::surface::Surface;
+    use crate::registration::budget::{Budget, Within};
     use crate::registration::scatter::scatter;
     use crate::sample::Sample;
     use glam::DQuat;
@@ -192,6 +230,8 @@ mod tests {
 
     #[test]
     fn another_tessellation_comes_home_from_a_rough_guess() {
+        let budget = Budget::new(u64::MAX);
+        let within = Within { budget: &budget, stop: &|| false };
         let (host, suspect) = (shape(8000), shape(5000));
         let target = Target::new(&host).unwrap();
         let points = scatter(&suspect, 4000);
@@ -201,19 +241,21 @@ mod tests {
             rotation: DQuat::from_scaled_axis(DVec3::new(0.08, -0.05, 0.03)),
             translation: DVec3::new(0.01, 0.02, -0.01),
         };
-        let found = target.align(&truth.then(&off), &points, 0.1..0.01, 25, &|| false);
-        let found = target.judge(&found, &points, 0.01, &|| false);
+        let found = target.align(&truth.then(&off), &points, 0.1..0.01, 25, within);
+        let found = target.judge(&found, &points, 0.01, within);
         let error = found.similarity.apply(DVec3::ZERO).distance(truth.apply(DVec3::ZERO));
         assert!(error < 1e-4 && found.overlap > 0.99 && found.rms < 1e-3, "{error:e} {found:?}");
     }
 
     #[test]
     fn nothing_near_is_no_overlap() {
+        let budget = Budget::new(u64::MAX);
+        let within = Within { budget: &budget, stop: &|| false };
         let host = shape(1000);
         let away = Similarity { translation: DVec3::splat(5.0), ..Similarity::IDENTITY };
         let target = Target::new(&host).unwrap();
         let points = scatter(&host, 500);
-        let found = target.align(&away, &points, 0.1..0.01, 5, &|| false);
-        assert_eq!((target.judge(&found, &points, 0.1, &|| false).overlap, found), (0.0, away));
+        let found = target.align(&away, &points, 0.1..0.01, 5, within);
+        assert_eq!((target.judge(&found, &points, 0.1, within).overlap, found), (0.0, away));
     }
 }

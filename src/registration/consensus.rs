@@ -48,6 +48,9 @@ pub struct Consensus {
 /// Points in units of the shapes' diagonals. Deterministic: triples come from a fixed sequence.
 #[must_use]
 pub fn consensus(pairs: &[Pair], mirrored: bool) -> Option<Consensus> {
+    if pairs.len() < LEAST_INLIERS {
+        return None;
+    }
     let judges: Vec<Pair> = if pairs.len() <= JUDGES {
         pairs.to_vec()
     } else {

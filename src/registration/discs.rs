@@ -131,7 +131,7 @@ impl Discs {
 
 impl Ground for Discs {
     /// The nearest disc among those of the eight cells around the point, that faces the same way.
-    fn touch(&self, s: &Similarity, point: &Point, reach: f64) -> Option<Touch> {
+    fn touch(&self, s: &Similarity, point: &Point, reach: f64, _: &mut u64) -> Option<Touch> {
         let placed = s.apply(point.position);
         let at = ((placed - self.low) * CELLS - 0.5).floor();
         let mut best: Option<(f64, &Point)> = None;
@@ -175,7 +175,7 @@ mod tests {
                     let position = point.position + height * point.normal;
                     let above = Point { position, ..point };
                     let touch = |ground: &dyn Ground| {
-                        let touch = ground.touch(&Similarity::IDENTITY, &above, MARGIN)?;
+                        let touch = ground.touch(&Similarity::IDENTITY, &above, MARGIN, &mut 0)?;
                         Some(touch.placed.distance(touch.closest))
                     };
                     let Some(exact) = touch(&target) else { continue };
@@ -199,7 +199,7 @@ mod tests {
             let [far, nowhere] = [2.0, f64::NAN]
                 .map(|to| Point { position: point.position + DVec3::splat(to), ..point });
             for lost in [inside_out, far, nowhere] {
-                assert!(discs.touch(&Similarity::IDENTITY, &lost, 0.01).is_none());
+                assert!(discs.touch(&Similarity::IDENTITY, &lost, 0.01, &mut 0).is_none());
             }
         }
     }

@@ -13,6 +13,7 @@
 //! bound on false positives rests on that: what is found here may be scored, and counts once.
 
 pub mod align;
+pub mod budget;
 pub mod codes;
 pub mod consensus;
 pub mod discs;
@@ -35,6 +36,7 @@ pub mod spin;
 pub mod surface;
 pub mod twins;
 
+pub use budget::{Allowed, Budget, Shares, Within};
 pub use index::{GeometryIndex, Hit, Likeness};
 pub use prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
 pub use register::{by_twins, register, suffices};

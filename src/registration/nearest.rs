@@ -3,7 +3,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::align::{Stop, Target};
+use super::align::Target;
+use super::budget::Within;
 use super::rings::NONE;
 use super::shape::Shape;
 use super::similarity::Similarity;
@@ -21,14 +22,15 @@ pub fn mutual(
     suspect: &Shape,
     s: &Similarity,
     reach: f64,
-    stop: Stop,
+    within: Within<'_>,
 ) -> Vec<[u32; 2]> {
-    let corner = |p: &DVec3| -> Option<(u32, f64)> {
-        if stop() {
+    let corner = |p: &DVec3, tests: &mut u64| -> Option<(u32, f64)> {
+        if (within.stop)() {
             return None;
         }
         let placed = s.apply(*p);
-        let corners = host.triangles.get(target.triangle(placed, reach)?)?;
+        let (triangle, _) = target.closest(placed, reach, tests)?;
+        let corners = host.triangles.get(triangle)?;
         let at = |v: u32| host.positions[v as usize];
         let distances = corners.map(|v| (v, at(v).distance(placed)));
         let best = distances.into_iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -36,8 +38,14 @@ pub fn mutual(
         let edge = others.map(|&v| at(v).distance(at(best.0))).fold(f64::INFINITY, f64::min);
         (best.1 < OWN * edge).then_some(best)
     };
-    let nearest: Vec<Option<(u32, f64)>> =
-        suspect.positions.par_iter().with_min_len(1024).map(corner).collect();
+    let counted = |p: &DVec3| {
+        let mut tests = 0;
+        (corner(p, &mut tests), tests)
+    };
+    let counted: Vec<(Option<(u32, f64)>, u64)> =
+        suspect.positions.par_iter().with_min_len(1024).map(counted).collect();
+    within.budget.spend(counted.iter().map(|(_, tests)| tests).sum());
+    let nearest: Vec<Option<(u32, f64)>> = counted.into_iter().map(|(corner, _)| corner).collect();
     let mut suspect_of = vec![(NONE, f64::INFINITY); host.positions.len()];
     for (vertex, found) in (0..).zip(&nearest) {
         if let Some((corner, distance)) = *found {

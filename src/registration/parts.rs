@@ -8,6 +8,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
+use super::budget::Stop;
 use super::scatter::Point;
 use super::similarity::Similarity;
 use super::spin::{Spin, spins};
@@ -60,16 +61,21 @@ fn keys(points: &[Point], count: usize) -> Vec<Point> {
 /// Similarities under which parts of the suspect look like parts of the host, the best of each
 /// scale.
 #[must_use]
-pub fn by_parts(host: &[Point], suspect: &[Point]) -> Vec<Similarity> {
+pub fn by_parts(host: &[Point], suspect: &[Point], stop: Stop) -> Vec<Similarity> {
     let (host_keys, suspect_keys) = (keys(host, HOST_KEYS), keys(suspect, SUSPECT_KEYS));
-    let suspects = SUSPECT_RADII.map(|radius| (radius, spins(&suspect_keys, suspect, radius)));
+    let suspects =
+        SUSPECT_RADII.map(|radius| (radius, spins(&suspect_keys, suspect, radius, stop)));
     let steps: Vec<i32> = (0..RADII).collect();
     let found: Vec<Vec<Similarity>> = steps
         .into_par_iter()
         .map(|k| {
+            if stop() {
+                return Vec::new();
+            }
             let radius = LEAST_RADIUS * LADDER.powi(k);
-            let hosts = spins(&host_keys, host, radius);
-            let pairs = suspects.iter().map(|(r, spins)| best(spins, &hosts, radius / r, radius));
+            let hosts = spins(&host_keys, host, radius, stop);
+            let pairs =
+                suspects.iter().map(|(r, spins)| best(spins, &hosts, radius / r, radius, stop));
             pairs.flatten().collect()
         })
         .collect();
@@ -89,7 +95,7 @@ fn alike(suspect: &[Spin], host: &[Spin]) -> Vec<Alike> {
 }
 
 /// The hypotheses that most places agree with.
-fn best(suspect: &[Spin], host: &[Spin], scale: f64, radius: f64) -> Vec<Similarity> {
+fn best(suspect: &[Spin], host: &[Spin], scale: f64, radius: f64, stop: Stop) -> Vec<Similarity> {
     let alike = alike(suspect, host);
     let tolerance = (0.2 * radius).max(0.03).powi(2);
     let agreeing = |s: &Similarity| {
@@ -100,7 +106,10 @@ fn best(suspect: &[Spin], host: &[Spin], scale: f64, radius: f64) -> Vec<Similar
         alike.iter().filter(agrees).count()
     };
     let twos = (1..alike.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
-    let guesses = twos.filter_map(|(i, j)| two(&alike[i], &alike[j], scale)).take(MOST_COUNTED);
+    let guesses = twos
+        .filter_map(|(i, j)| two(&alike[i], &alike[j], scale))
+        .take(MOST_COUNTED)
+        .take_while(|_| !stop());
     let mut counted: Vec<(usize, Similarity)> = guesses.map(|s| (agreeing(&s), s)).collect();
     counted.sort_by_key(|c| std::cmp::Reverse(c.0));
     let mut kept: Vec<Similarity> = Vec::new();
@@ -161,7 +170,7 @@ mod tests {
             &crate::mesh::Mesh::new(part.positions, part.triangles).unwrap(),
         ))
         .unwrap();
-        let found = by_parts(&scatter(&host, SEEN), &scatter(&part, SEEN));
+        let found = by_parts(&scatter(&host, SEEN), &scatter(&part, SEEN), &|| false);
         let truth = part.unit.inverse().then(&host.unit);
         let error = |s: &Similarity| {
             DVec3::AXES

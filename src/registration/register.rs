@@ -1,7 +1,7 @@
 //! The whole way: from a host and a suspect to the similarities that bring the one home to the
 //! other.
 
-use super::align::Stop;
+use super::budget::Within;
 use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
 use super::surface::by_surface;
 use super::twins::{Twins, twins};
@@ -10,22 +10,22 @@ use super::twins::{Twins, twins};
 const TWINS_SUFFICE: f64 = 0.2;
 
 /// The similarities under which `suspect` is a part of `host`, best first; few, and none where
-/// there is nothing in common. `stop` is asked between steps, the longest of which take tenths of
-/// seconds on meshes of half a million vertices; `true` returns twins or nothing.
+/// there is nothing in common. What is stopped returns twins or
+/// nothing.
 #[must_use]
 pub fn register(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
     effort: Effort,
-    stop: Stop,
+    within: Within<'_>,
 ) -> Vec<Alignment> {
     let Some(alignment) = by_twins(host, suspect) else {
-        return by_surface(host, suspect, effort, &[], stop);
+        return by_surface(host, suspect, effort, &[], within);
     };
     if suffices(&alignment) {
         return vec![alignment];
     }
-    let mut all = by_surface(host, suspect, effort, &[], stop);
+    let mut all = by_surface(host, suspect, effort, &[], within);
     all.retain(|other| other.overlap > 2.0 * alignment.overlap);
     all.push(alignment);
     all
@@ -65,12 +65,21 @@ mod tests {
     use super::*;
     use crate::mesh::Mesh;
     use crate::mesh::surface::Surface;
+    use crate::registration::budget::Budget;
     use crate::registration::in_place;
     use crate::registration::shape::Shape;
     use crate::registration::similarity::Similarity;
     use crate::registration::similarity::tests::awkward;
     use crate::sample::Sample;
     use glam::DVec3;
+
+    fn budget() -> Budget {
+        Budget::new(u64::MAX)
+    }
+
+    fn free(budget: &Budget) -> Within<'_> {
+        Within { budget, stop: &|| false }
+    }
 
     fn shape(sample: Sample, vertices: u32, place: &Similarity) -> Shape {
         let mesh = sample.mesh(vertices).unwrap();
@@ -84,12 +93,12 @@ mod tests {
         for (scale, effort) in [(0.02, Effort::Whole), (-3.0, Effort::Thorough)] {
             let place = awkward(scale);
             let suspect = PreparedSuspect::new(shape(Sample::Blob, 6000, &place));
-            let found = register(&host, &suspect, effort, &|| false);
+            let found = register(&host, &suspect, effort, free(&budget()));
             let best = found.first().unwrap();
             assert!(best.overlap > 0.99, "{best:?}");
             let error = best.similarity.apply(place.apply(DVec3::ZERO)).length();
             assert!(error * host.shape.unit.scale < 2e-4, "{error:e}");
-            assert!(register(&host, &suspect, Effort::Twins, &|| false).is_empty());
+            assert!(register(&host, &suspect, Effort::Twins, free(&budget())).is_empty());
         }
     }
 
@@ -117,7 +126,7 @@ mod tests {
         let moved = fine.positions().iter().map(|&p| place.apply(p)).collect();
         let fine = Mesh::new(moved, fine.triangles().to_vec()).unwrap();
         let suspect = PreparedSuspect::new(Shape::new(Surface::new(&fine)).unwrap());
-        let found = register(&host, &suspect, Effort::Whole, &|| false);
+        let found = register(&host, &suspect, Effort::Whole, free(&budget()));
         let best = found.first().unwrap();
         let vertices = host.shape.positions.len();
         let vertex = |shape: &Shape, k: u32| shape.first_vertex[k as usize];
@@ -135,39 +144,97 @@ mod tests {
         let host = PreparedHost::new(shape(Sample::Knot, 5000, &Similarity::IDENTITY));
         let kept = PreparedSuspect::new(shape(Sample::Knot, 3000, &Similarity::IDENTITY));
         assert!(
-            in_place(&host, &kept, false, &|| false).is_some_and(|a| a.basis == Basis::InPlace)
+            in_place(&host, &kept, false, free(&budget()))
+                .is_some_and(|a| a.basis == Basis::InPlace)
         );
         let moved = PreparedSuspect::new(shape(Sample::Knot, 3000, &awkward(1.0)));
-        assert_eq!(in_place(&host, &moved, true, &|| false), None);
+        assert_eq!(in_place(&host, &moved, true, free(&budget())), None);
     }
 
     #[test]
     fn another_shape_has_no_place() {
         let host = PreparedHost::new(shape(Sample::Knot, 5000, &Similarity::IDENTITY));
         let other = PreparedSuspect::new(shape(Sample::Blob, 5000, &Similarity::IDENTITY));
-        let found = register(&host, &other, Effort::Whole, &|| false);
+        let found = register(&host, &other, Effort::Whole, free(&budget()));
         assert!(found.iter().all(|a| a.overlap < 0.9), "{found:?}");
     }
 
     #[test]
     fn the_outcome_is_the_same_on_one_and_on_many_threads() {
-        let run = |threads: usize| {
+        let run = |threads: usize, tests: u64| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let host = PreparedHost::new(shape(Sample::Knot, 3000, &Similarity::IDENTITY));
                 let same = PreparedSuspect::new(shape(Sample::Knot, 3000, &awkward(2.0)));
-                let new = PreparedSuspect::new(shape(Sample::Knot, 2000, &awkward(2.0)));
-                [same, new].map(|suspect| register(&host, &suspect, Effort::Thorough, &|| false))
+                let new = PreparedSuspect::new(shape(Sample::Knot, 2000, &awkward(0.1)));
+                [same, new].map(|suspect| {
+                    let budget = Budget::new(tests);
+                    let found = register(&host, &suspect, Effort::Thorough, free(&budget));
+                    (found, budget.spent())
+                })
             })
         };
-        assert_eq!(run(1), run(4));
+        for tests in [300_000, 3_000_000, u64::MAX] {
+            assert_eq!(run(1, tests), run(4, tests));
+        }
+    }
+
+    /// The same number of vertices and triangles, searched a hundred times more dearly: needles that
+    /// all reach across the box.
+    fn needles(count: u32) -> Shape {
+        let end = |k: u32, side: f64| {
+            let turn = f64::from(k) * 2.4;
+            let across = 1e-3 * f64::from(k % 7);
+            DVec3::new(side, 0.02 * turn.sin() + across, 0.02 * turn.cos())
+        };
+        let corners = (0..count).flat_map(|k| [end(k, -1.0), end(k, 1.0), end(k + 1, 1.0)]);
+        let triangles = (0..count).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
+        Shape::new(Surface::new(&Mesh::new(corners.collect(), triangles).unwrap())).unwrap()
+    }
+
+    #[test]
+    fn work_stays_within_the_budget_whatever_the_surface() {
+        let host = PreparedHost::new(needles(3000));
+        let suspects =
+            [needles(2500), shape(Sample::Knot, 2000, &awkward(0.2))].map(PreparedSuspect::new);
+        for suspect in &suspects {
+            let unbounded = budget();
+            let _ = register(&host, suspect, Effort::Whole, free(&unbounded));
+            for tests in [0, 1_000_000, 10_000_000] {
+                let budget = Budget::new(tests);
+                let found = register(&host, suspect, Effort::Whole, free(&budget));
+                // What a search costs has to be found out: sixty per alignment that is planned.
+                let planning = 25 * 60 * crate::registration::align::MOST_TESTS;
+                assert!(budget.spent() <= tests + planning, "{tests}: {}", budget.spent());
+                assert!(found.iter().all(|a| a.similarity.is_valid()));
+            }
+        }
+    }
+
+    #[test]
+    fn what_can_be_afforded_is_as_if_there_were_no_budget() {
+        let host = PreparedHost::new(shape(Sample::Blob, 4000, &Similarity::IDENTITY));
+        let suspect = PreparedSuspect::new(shape(Sample::Blob, 3000, &awkward(2.0)));
+        let unbounded = budget();
+        let best = register(&host, &suspect, Effort::Whole, free(&unbounded));
+        // A share of what is left is planned for each step, not only for those that come.
+        let budget = Budget::new(10 * unbounded.spent());
+        assert_eq!(register(&host, &suspect, Effort::Whole, free(&budget)), best);
     }
 
     #[test]
     fn a_job_that_is_stopped_returns_early() {
         let host = PreparedHost::new(shape(Sample::Blob, 3000, &Similarity::IDENTITY));
         let suspect = PreparedSuspect::new(shape(Sample::Blob, 2000, &awkward(2.0)));
-        assert!(register(&host, &suspect, Effort::Thorough, &|| true).is_empty());
+        assert!(
+            register(
+                &host,
+                &suspect,
+                Effort::Thorough,
+                Within { stop: &|| true, ..free(&budget()) }
+            )
+            .is_empty()
+        );
     }
 
     #[test]
@@ -194,10 +261,10 @@ mod tests {
             let Some(shape) = Shape::new(surface) else { continue };
             let _ = super::super::sketch::Sketch::new(&shape);
             let suspect = PreparedSuspect::new(shape.clone());
-            let _ = register(&sound, &suspect, Effort::Thorough, &|| false);
+            let _ = register(&sound, &suspect, Effort::Thorough, free(&budget()));
             let host = PreparedHost::new(shape);
-            let _ = register(&host, &suspect, Effort::Whole, &|| false);
-            let _ = in_place(&host, &suspect, true, &|| false);
+            let _ = register(&host, &suspect, Effort::Whole, free(&budget()));
+            let _ = in_place(&host, &suspect, true, free(&budget()));
         }
     }
 

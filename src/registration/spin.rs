@@ -7,6 +7,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::budget::Stop;
 use super::scatter::Point;
 
 /// Bins of the distance from the normal's line, and of the height along it.
@@ -39,8 +40,9 @@ impl Spin {
 
 /// What each of `keys` sees of `points` within `radius`; keys that see too little are left out.
 #[must_use]
-pub fn spins(keys: &[Point], points: &[Point], radius: f64) -> Vec<Spin> {
-    keys.par_iter().filter_map(|key| spin(key, points, radius)).collect()
+pub fn spins(keys: &[Point], points: &[Point], radius: f64, stop: Stop) -> Vec<Spin> {
+    let seen = |key| if stop() { None } else { spin(key, points, radius) };
+    keys.par_iter().filter_map(seen).collect()
 }
 
 fn spin(key: &Point, points: &[Point], radius: f64) -> Option<Spin> {
@@ -100,8 +102,8 @@ mod tests {
             .iter()
             .map(|p| Point { position: place.apply(p.position), normal: place.turn(p.normal) })
             .collect();
-        let here = spins(&points[..300], &points, 0.2);
-        let there = spins(&moved[..300], &moved, 0.4);
+        let here = spins(&points[..300], &points, 0.2, &|| false);
+        let there = spins(&moved[..300], &moved, 0.4, &|| false);
         for (k, spin) in here.iter().enumerate() {
             let best = there.iter().map(|s| spin.likeness(s)).fold(0.0, f32::max);
             assert!(spin.likeness(&there[k]) > 0.99, "{k}");

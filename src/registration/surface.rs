@@ -1,7 +1,10 @@
 //! A suspect onto its host by the surface alone, whatever the triangles: guesses, judged and aligned
 //! on the host's discs, and the few that stand the test on all of its triangles.
 
-use super::align::{Fit, Ground, Stop, Target};
+use std::borrow::Cow;
+
+use super::align::{Fit, Ground, Target};
+use super::budget::Within;
 use super::moments::by_moments;
 use super::nearest::mutual;
 use super::parts::{by_parts, sights};
@@ -37,6 +40,16 @@ const LOOSER: f64 = 3.0;
 const LESS: f64 = 0.7;
 const TIGHT: f64 = 2e-3;
 
+/// Rounds of an alignment by few points, by more, and by the most.
+const FEW_ROUNDS: u32 = 12;
+const MORE_ROUNDS: u32 = 15;
+const LAST_ROUNDS: u32 = 8;
+
+/// Points that tell what a search costs on a host's triangles, and the least that an alignment can
+/// go by.
+const PROBES: usize = 60;
+const LEAST_POINTS: usize = 200;
+
 /// Discs stand for the surface as long as no reach is smaller than this.
 const DISCS_REACH: f64 = 0.006;
 
@@ -47,24 +60,26 @@ pub fn in_place(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
     refined: bool,
-    stop: Stop,
+    within: Within<'_>,
 ) -> Option<Alignment> {
     let start = suspect.shape.unit.inverse().then(&host.shape.unit);
-    let roughly = host.discs().judge(&start, &suspect.points, FINE, stop);
+    let roughly = host.discs().judge(&start, &suspect.points, FINE, within);
     if roughly.overlap < ROUGHLY * LEAST_OVERLAP {
         return None;
     }
     let target = host.target()?;
-    let found = target.judge(&start, &suspect.points, FINE, stop);
+    let found = target.judge(&start, &suspect.points, FINE, within);
     if found.overlap < LEAST_OVERLAP {
         return None;
     }
     let found = if refined {
-        finish(host, suspect, target, &found, &scatter(&suspect.shape, REFINED), stop)
+        let points = scatter(&suspect.shape, REFINED);
+        // (Half: what moved has its own to come.)
+        finish(host, suspect, target, &found, &points, within.budget.share(2), within)
     } else {
         to_files(host, suspect, &found)
     };
-    (!stop()).then_some(Alignment { basis: Basis::InPlace, ..found })
+    (!(within.stop)()).then_some(Alignment { basis: Basis::InPlace, ..found })
 }
 
 /// The alignments by the surface alone, best first, without those that are about a `known` one;
@@ -75,18 +90,18 @@ pub fn by_surface(
     suspect: &PreparedSuspect,
     effort: Effort,
     known: &[Alignment],
-    stop: Stop,
+    within: Within<'_>,
 ) -> Vec<Alignment> {
     if effort == Effort::Twins {
         return Vec::new();
     }
     let guesses = by_moments(&host.points, &suspect.points, false);
-    let mut fits = aligned(host, suspect, &guesses, stop);
+    let mut fits = aligned(host, suspect, &guesses, within);
     if effort >= Effort::Thorough && fits.first().is_none_or(|fit| fit.overlap < WHOLE) {
         let [there, here] = [&host.shape, &suspect.shape].map(|s| sights(&scatter(s, DESCRIBED)));
-        let mut guesses = by_parts(&there, &here);
+        let mut guesses = by_parts(&there, &here, within.stop);
         guesses.extend(by_moments(&host.points, &suspect.points, true));
-        fits.extend(aligned(host, suspect, &guesses, stop));
+        fits.extend(aligned(host, suspect, &guesses, within));
         best_first(&mut fits);
         distinct(&mut fits);
     }
@@ -100,11 +115,13 @@ pub fn by_surface(
     }
     let Some(target) = host.target() else { return Vec::new() };
     let points = scatter(&suspect.shape, REFINED);
-    let last = fits.iter().take(RETURNED).take_while(|_| !stop());
-    let found = last.map(|fit| finish(host, suspect, target, fit, &points, stop));
+    // Half of what is left for each, the best first.
+    let last = fits.iter().take(RETURNED).take_while(|_| !(within.stop)());
+    let found =
+        last.map(|fit| finish(host, suspect, target, fit, &points, within.budget.share(2), within));
     let found = found.filter(|alignment| alignment.overlap > LEAST_OVERLAP).collect();
     // What was cut short is worth nothing.
-    if stop() { Vec::new() } else { found }
+    if (within.stop)() { Vec::new() } else { found }
 }
 
 fn to_files(host: &PreparedHost, suspect: &PreparedSuspect, fit: &Fit) -> Alignment {
@@ -131,7 +148,7 @@ fn aligned(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
     guesses: &[Similarity],
-    stop: Stop,
+    within: Within<'_>,
 ) -> Vec<Fit> {
     let discs = host.discs();
     let judges = suspect.some(JUDGES);
@@ -139,31 +156,40 @@ fn aligned(
     let reach = |s: &Similarity| ROUGH * s.scale.abs().clamp(0.2, 1.0);
     let mut judged: Vec<Fit> = guesses
         .iter()
-        .take_while(|_| !stop())
-        .map(|guess| discs.judge(guess, &judges, reach(guess), stop))
+        .take_while(|_| !(within.stop)())
+        .map(|guess| discs.judge(guess, &judges, reach(guess), within))
         .collect();
     best_first(&mut judged);
-    let closer = |fit: &Fit, points: &[Point], to: f64, rounds: u32| {
+    let closer = |fit: &Fit, points: &[Point], to: f64, rounds: u32, share: u64| {
         let reach = reach(&fit.similarity);
         let end = to * reach / ROUGH;
         let target = if end < DISCS_REACH { host.target() } else { None };
-        let ground: &dyn Ground = target.map_or(discs, |target| target);
-        let similarity = ground.align(&fit.similarity, points, reach..end, rounds, stop);
-        ground.judge(&similarity, points, end, stop)
+        let searched = target.and_then(|target| {
+            let cost = cost_of_a_search(target, &fit.similarity, points, reach, within);
+            let points = affordable(points, share / cost / u64::from(rounds + 1))?;
+            Some((target as &dyn Ground, points))
+        });
+        // Discs cost the same few looks on any host.
+        let (ground, points) = searched.unwrap_or((discs, Cow::Borrowed(points)));
+        let similarity = ground.align(&fit.similarity, &points, reach..end, rounds, within);
+        ground.judge(&similarity, &points, end, within)
     };
+    // Half of what is left for either stage before the last.
+    let each = within.budget.share(2 * ALIGNED_HYPOTHESES);
     let mut fits: Vec<Fit> = judged
         .iter()
         .take(ALIGNED_HYPOTHESES)
-        .take_while(|_| !stop())
-        .map(|guess| closer(guess, &judges, 2.0 * FINE, 12))
+        .take_while(|_| !(within.stop)())
+        .map(|guess| closer(guess, &judges, 2.0 * FINE, FEW_ROUNDS, each))
         .collect();
     best_first(&mut fits);
     distinct(&mut fits);
     fits.truncate(RETURNED);
+    let each = within.budget.share(2 * RETURNED);
     let mut fits: Vec<Fit> = fits
         .iter()
-        .take_while(|_| !stop())
-        .map(|fit| closer(fit, &suspect.points, FINE, 15))
+        .take_while(|_| !(within.stop)())
+        .map(|fit| closer(fit, &suspect.points, FINE, MORE_ROUNDS, each))
         .collect();
     fits.retain(|fit| fit.overlap > ROUGHLY * LEAST_OVERLAP);
     best_first(&mut fits);
@@ -193,23 +219,66 @@ fn distinct(fits: &mut Vec<Fit>) {
     *fits = kept;
 }
 
+/// Tests that a search on the host's triangles takes about, at least 1.
+fn cost_of_a_search(
+    target: &Target,
+    s: &Similarity,
+    points: &[Point],
+    reach: f64,
+    within: Within<'_>,
+) -> u64 {
+    let probes: Vec<Point> = thinned(points, PROBES);
+    let before = within.budget.spent();
+    let _ = target.touches(s, &probes, reach, within);
+    ((within.budget.spent() - before) / probes.len().max(1) as u64).max(1)
+}
+
+/// About `most` of the points, evenly spread.
+fn thinned(points: &[Point], most: usize) -> Vec<Point> {
+    points.iter().step_by(points.len().div_ceil(most.max(1)).max(1)).copied().collect()
+}
+
+/// All points, or as many as can be afforded; none where those are too few to go by.
+fn affordable(points: &[Point], count: u64) -> Option<Cow<'_, [Point]>> {
+    let count = usize::try_from(count).unwrap_or(usize::MAX);
+    if count >= points.len() {
+        return Some(Cow::Borrowed(points));
+    }
+    (count >= LEAST_POINTS).then(|| Cow::Owned(thinned(points, count)))
+}
+
 /// The last stage: all of the surface, then vertices that lie on vertices, if there are such. They
 /// have no say in where the suspect lies: simplification puts them outside of the host's surface,
 /// smoothing inside, and nearest ones pull to where they happen to be.
+///
+/// Takes at most about `share` tests: fewer points where searches are dear, no vertices where they
+/// would take more than half, and the fit as it is where nothing can be afforded.
 fn finish(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
     target: &Target,
     fit: &Fit,
     points: &[Point],
-    stop: Stop,
+    share: u64,
+    within: Within<'_>,
 ) -> Alignment {
+    let cost = cost_of_a_search(target, &fit.similarity, points, FINE, within);
+    let vertices = suspect.shape.positions.len();
+    let paired = (vertices as u64).saturating_mul(cost);
+    let paired = if paired <= share / 2 { paired } else { 0 };
+    let searches = (share - paired) / cost / u64::from(LAST_ROUNDS + 1);
+    let Some(points) = affordable(points, searches) else {
+        return to_files(host, suspect, fit);
+    };
     let end = (3.0 * fit.rms).clamp(1e-4, FINE);
-    let similarity = target.align(&fit.similarity, points, FINE..end, 8, stop);
-    let fit = target.judge(&similarity, points, FINE, stop);
-    let mut pairs = mutual(&host.shape, target, &suspect.shape, &fit.similarity, FINE, stop);
+    let similarity = target.align(&fit.similarity, &points, FINE..end, LAST_ROUNDS, within);
+    let fit = target.judge(&similarity, &points, FINE, within);
+    if paired == 0 {
+        return to_files(host, suspect, &fit);
+    }
+    let mut pairs = mutual(&host.shape, target, &suspect.shape, &fit.similarity, FINE, within);
     // Subdivision keeps all of the host's vertices and adds three times as many.
-    let fewer = suspect.shape.positions.len().min(host.shape.positions.len());
+    let fewer = vertices.min(host.shape.positions.len());
     if pairs.len() * 2 < fewer {
         pairs.clear();
     }

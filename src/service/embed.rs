@@ -15,12 +15,15 @@ use uuid::Uuid;
 use super::content::packed;
 use super::existing::Seen;
 use super::known::mark_key;
+use super::memory::{self, Purpose};
 use super::register::KeptHost;
 use super::{Content, OnExisting, Service, ServiceError, Spooled, Text, idempotency};
 use crate::blobs::{Kind, geometry};
-use crate::formats::{Format, sniff};
+use crate::formats::{Asset, Format, sniff};
 use crate::keys::random_bytes;
-use crate::marking::{MarkReport, MarkRequest, Marked, MaxDistortion, mark, mark_within};
+use crate::marking::{
+    MarkReport, MarkRequest, Marked, MaxDistortion, mark_asset, mark_asset_within,
+};
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
 use crate::registration::{Shape, Sketch};
@@ -212,7 +215,7 @@ impl Service {
     /// Without `on_existing` nobody looks what the host carries.
     async fn mark(
         self: &Arc<Self>,
-        (mut file, formats): (Spooled, Vec<Format>),
+        (file, formats): (Spooled, Vec<Format>),
         key: MarkKey,
         message: Message,
         (method, bits, force): (Method, BitCount, Force),
@@ -228,18 +231,21 @@ impl Service {
             Force::Within(..) => Strength::default(),
         };
         let service = self.clone();
-        self.run(file.bytes, move |stop| {
+        let slot = self.admit()?;
+        self.run(&slot, file.bytes, move |allowed| {
             let host_bytes = file.read()?;
             takes(&formats, sniff(&host_bytes)?)?;
+            let stop = || allowed.stop().now();
+            let asset = Asset::read_until(&host_bytes, &limits, &stop)?;
+            allowed.need(memory::needed(asset.mesh(), Purpose::Embed))?;
             let existing = match on_existing {
                 Some(on_existing) => {
-                    let seen = service.marks_on(&host_bytes, stop)?;
+                    let seen = service.marks_on(asset.mesh(), allowed.stop())?;
                     on_existing.permits(&seen)?;
                     Some(seen)
                 }
                 None => None,
             };
-            let stop = || stop.now();
             let request = MarkRequest {
                 key: &key,
                 message: &message,
@@ -249,13 +255,16 @@ impl Service {
                 independent_check_max_bytes,
             };
             let marked = match force {
-                Force::Exactly(_) => mark(&host_bytes, &request)?,
+                Force::Exactly(_) => mark_asset(asset, &host_bytes, &request)?,
                 Force::Within(limit, strongest) => {
-                    mark_within(&host_bytes, &request, limit, strongest)?
+                    mark_asset_within(asset, &host_bytes, &request, limit, strongest)?
                 }
             };
             let Marked { bytes, format, host, host_frame, report } = marked;
             drop(host_bytes);
+            if stop() {
+                return Err(allowed.stop().reason().into());
+            }
             let kept = keep_host.then(|| kept(&host)).transpose()?;
             let usable_bins = u32::try_from(report.usable_bins)
                 .map_err(|_| ServiceError::Internal("too many bins".to_owned()))?;

@@ -1,9 +1,10 @@
 //! Inspect: what a file is and how well it can carry a mark. Registers nothing.
 
+use super::memory::{self, Purpose};
 use super::{Service, ServiceError, Spooled};
 use crate::formats::Asset;
 use crate::lab::expected::{Expected, expected};
-use crate::marking::{Inspection, MarkError, inspect_asset};
+use crate::marking::{Inspection, MarkError, inspect_asset_until};
 use crate::watermark::EmbedParams;
 
 /// What was found.
@@ -26,16 +27,19 @@ impl Service {
     /// [`ServiceError`]: the file cannot be read.
     pub async fn inspect(
         &self,
-        mut file: Spooled,
+        file: Spooled,
         params: EmbedParams,
     ) -> Result<Inspected, ServiceError> {
         let limits = self.config.limits;
         let (sha256, bytes) = (file.sha256, file.bytes);
+        let slot = self.admit()?;
         let (inspection, expected) = self
-            .run(bytes, move |stop| {
-                let asset = Asset::read(&file.read()?, &limits).map_err(MarkError::from)?;
-                let inspection = inspect_asset(&asset, &params)?;
-                let stop = || stop.now();
+            .run(&slot, bytes, move |allowed| {
+                let stop = || allowed.stop().now();
+                let asset =
+                    Asset::read_until(&file.read()?, &limits, &stop).map_err(MarkError::from)?;
+                allowed.need(memory::needed(asset.mesh(), Purpose::Inspect))?;
+                let inspection = inspect_asset_until(&asset, &params, &stop)?;
                 let expected = expected(asset.mesh(), &inspection, &params, &stop);
                 Ok((inspection, expected))
             })

@@ -15,6 +15,7 @@ mod idempotency;
 mod inspect;
 mod known;
 mod load;
+mod memory;
 mod records;
 mod register;
 mod seen;
@@ -38,9 +39,11 @@ use admission::{Limits, Uploads};
 
 use crate::blobs::{BlobError, Blobs};
 use crate::config::{Config, MEMORY_PER_UPLOAD_BYTE, SecretText};
-use crate::jobs::{JobError, Pool, Stop};
+use crate::formats::FormatError;
+use crate::jobs::{Allowance, JobError, Memory, Pool, Slot};
 use crate::keys::{KeyError, KeyRing};
 use crate::registry::{KeyUse, Registry, RegistryError, Sqlite};
+use crate::watermark::WatermarkError;
 
 pub use admission::Admission;
 pub use check::{Checked, Finding, check};
@@ -52,7 +55,8 @@ pub use inspect::Inspected;
 pub use spool::{Spool, Spooled};
 pub use text::Text;
 pub use verdict::{
-    FileFacts, FrameFacts, FrameName, How, Match, StageName, TriedStage, Verdict, Verification,
+    FileFacts, FrameFacts, FrameName, How, LookedAt, Match, StageName, TriedStage, Verdict,
+    Verification,
 };
 pub use verify::{Depth, VerifyRequest};
 
@@ -355,16 +359,40 @@ impl Service {
         }
     }
 
-    /// Runs a job over an upload of this many bytes on the pool.
+    /// A place on the pool for all jobs of a request.
+    fn admit(&self) -> Result<Slot, ServiceError> {
+        Ok(self.pool.admit(Instant::now() + self.config.request_timeout)?)
+    }
+
+    /// Runs a job over an upload of this many bytes on the pool. It is run once more, with as much
+    /// memory as it then said it needs, when that was not free beside others.
     async fn run<T: Send + 'static>(
         &self,
+        slot: &Slot,
         upload_bytes: u64,
-        job: impl FnOnce(&Stop) -> Result<T, ServiceError> + Send + 'static,
+        job: impl Fn(&Allowance) -> Result<T, ServiceError> + Send + Sync + 'static,
     ) -> Result<T, ServiceError> {
-        let slot = self.pool.admit()?;
-        let deadline = Instant::now() + self.config.request_timeout;
-        let memory = upload_bytes.saturating_mul(MEMORY_PER_UPLOAD_BYTE);
-        self.pool.run(slot, memory, deadline, job).await?
+        let job = Arc::new(job);
+        let mut memory = upload_bytes.saturating_mul(MEMORY_PER_UPLOAD_BYTE);
+        loop {
+            let job = job.clone();
+            let ended =
+                self.pool.run(slot, Memory::Of(memory), move |allowed| job(allowed)).await?;
+            match ended {
+                Err(ServiceError::Job(JobError::Again { bytes })) if bytes > memory => {
+                    memory = bytes;
+                }
+                // The core says only that it was stopped.
+                Err(
+                    ServiceError::Job(JobError::DeadlinePassed)
+                    | ServiceError::Format(FormatError::Cancelled)
+                    | ServiceError::Watermark(WatermarkError::Cancelled),
+                ) => {
+                    return Err(slot.stop().reason().into());
+                }
+                ended => return ended,
+            }
+        }
     }
 
     /// Runs work to its end even when the client that asked for it hangs up.

@@ -34,11 +34,12 @@ impl Spooled {
     ///
     /// # Errors
     /// What the system said.
-    pub fn read(&mut self) -> io::Result<Vec<u8>> {
+    pub fn read(&self) -> io::Result<Vec<u8>> {
         let length = usize::try_from(self.bytes).map_err(io::Error::other)?;
         let mut bytes = Vec::with_capacity(length);
-        self.file.rewind()?;
-        self.file.read_to_end(&mut bytes)?;
+        let mut file = &self.file;
+        file.rewind()?;
+        file.read_to_end(&mut bytes)?;
         Ok(bytes)
     }
 }
@@ -117,7 +118,7 @@ mod tests {
             for chunk in bytes.chunks(100_000) {
                 spool = spool.write(chunk).await.unwrap();
             }
-            let mut spooled = spool.end(None).await.unwrap();
+            let spooled = spool.end(None).await.unwrap();
             assert_eq!(spooled.bytes, length as u64);
             assert_eq!(spooled.sha256, <[u8; 32]>::from(Sha256::digest(&bytes)));
             assert!(spooled.read().unwrap() == bytes && spooled.read().unwrap() == bytes);

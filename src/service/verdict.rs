@@ -224,4 +224,17 @@ pub struct Verification {
     pub matches: Vec<Match>,
     /// The suspect.
     pub file: FileFacts,
+    /// What was looked at to find it: for whoever measures the service, not part of the answer.
+    #[serde(skip)]
+    #[schema(ignore)]
+    pub looked_at: LookedAt,
+}
+
+/// The hosts of a short list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LookedAt {
+    /// How many.
+    pub hosts: usize,
+    /// Their vertices and triangles together.
+    pub elements: u64,
 }

@@ -27,3 +27,4 @@ mod storage;
 #[path = "../support/mod.rs"]
 mod support;
 mod uploads;
+mod work;

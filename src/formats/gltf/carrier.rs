@@ -17,12 +17,27 @@ use crate::formats::{FormatError, Limits};
 /// Bytes of one POSITION element, three 32-bit floats.
 pub(super) const POSITION_BYTES: usize = 12;
 
+/// How many times primitives may, on average, name the same indices. Several materials over one
+/// surface do so a few times; a file that was made to hurt does so a thousand times, and every
+/// triangle takes as much memory and time as one of its own.
+const MOST_REPEATS: usize = 4;
+
+/// Corners and elements without bytes that are no trouble in a file of any size.
+const FEW_CORNERS: usize = 3 << 16;
+const FEW_ELEMENTS: usize = 1 << 16;
+
 /// What makes two POSITION accessors the same data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct BlockKey {
     pub(super) count: usize,
     pub(super) base: Option<Span>,
     pub(super) sparse: Option<SparseSpans>,
+}
+
+impl BlockKey {
+    fn sparse_values(&self) -> Option<&Span> {
+        self.sparse.as_ref().map(|sparse| &sparse.values)
+    }
 }
 
 /// One layout of POSITION bytes: `count` vertices of the mesh, from `first` on.
@@ -98,6 +113,9 @@ pub(super) fn gather(
         by_accessor: HashMap::new(),
         by_key: HashMap::new(),
         carrier: Carrier::default(),
+        corners: 0,
+        named: Vec::new(),
+        byteless: 0,
     };
     for place in placed {
         let primitives = document.meshes.get(place.mesh).map_or(&[][..], |mesh| &mesh.primitives);
@@ -106,7 +124,24 @@ pub(super) fn gather(
             gathering.primitive(primitive, &place.transform, &path)?;
         }
     }
+    gathering.bounded()?;
     Ok(gathering.carrier)
+}
+
+/// Elements of the file's own: those of spans that overlap count once, as the smallest of them.
+fn distinct_elements(spans: &mut [Span]) -> usize {
+    spans.sort_unstable_by_key(|span| (span.buffer, span.start));
+    let (mut elements, mut buffer, mut passed) = (0_usize, None, 0);
+    for span in spans.iter() {
+        if buffer != Some(span.buffer) {
+            (buffer, passed) = (Some(span.buffer), 0);
+        }
+        let end = span.start.saturating_add(span.count.saturating_mul(span.stride));
+        let new = end.saturating_sub(passed.max(span.start));
+        elements = elements.saturating_add(new.div_ceil(span.stride.max(1)));
+        passed = passed.max(end);
+    }
+    elements
 }
 
 struct Gathering<'a, 'b> {
@@ -117,6 +152,11 @@ struct Gathering<'a, 'b> {
     by_accessor: HashMap<usize, usize>,
     by_key: HashMap<BlockKey, usize>,
     carrier: Carrier,
+    /// Corners of all pieces, and where the bytes stand that say which they are.
+    corners: usize,
+    named: Vec<Span>,
+    /// Elements that have no bytes.
+    byteless: usize,
 }
 
 impl Gathering<'_, '_> {
@@ -155,10 +195,29 @@ impl Gathering<'_, '_> {
             Mode::List => corners / 3,
             Mode::Strip | Mode::Fan => corners.saturating_sub(2),
         };
-        // A thousand primitives may name one index accessor: a small file, many triangles.
         self.carrier.triangles =
             within("triangles", self.carrier.triangles, triangles, self.limits.max_triangles)?;
+        self.corners = self.corners.saturating_add(corners);
+        let named = match (&indices, self.carrier.blocks.get(block)) {
+            (Some((_, key)), _) => Some(*key),
+            (None, block) => block.map(|block| block.key),
+        };
+        self.named.extend(named.iter().flat_map(|key| key.base.iter().chain(key.sparse_values())));
         self.carrier.pieces.push(Piece { block, indices, mode });
+        Ok(())
+    }
+
+    /// Refuses more corners than the bytes of the file can mean.
+    fn bounded(&mut self) -> Result<(), FormatError> {
+        let own = distinct_elements(&mut self.named);
+        let limit = own.saturating_mul(MOST_REPEATS).saturating_add(FEW_CORNERS);
+        if self.corners > limit {
+            return Err(FormatError::TooLarge {
+                what: "corners of triangles, most of which repeat others",
+                count: self.corners as u64,
+                limit: limit as u64,
+            });
+        }
         Ok(())
     }
 
@@ -191,6 +250,11 @@ impl Gathering<'_, '_> {
         if let Some(&block) = self.by_key.get(&key) {
             self.by_accessor.insert(index, block);
             return Ok(block);
+        }
+        if key.base.is_none() {
+            // Zeros, however many are declared: no more than the file could have spelled out.
+            let limit = FEW_ELEMENTS.max(self.file_bytes / POSITION_BYTES);
+            self.byteless = within("vertices without bytes", self.byteless, key.count, limit)?;
         }
         let first = self.carrier.vertices;
         self.carrier.vertices = within("vertices", first, key.count, self.limits.max_vertices)?;

@@ -10,7 +10,10 @@ use super::accessors::{index_at, overridden};
 use super::buffers::Buffers;
 use super::carrier::{Block, BlockKey, Mode, Piece};
 use super::malformed;
-use crate::formats::FormatError;
+use crate::formats::{FormatError, Stop, go_on};
+
+/// Indices that are read before `stop` is asked again: milliseconds.
+const STRETCH: usize = 1 << 18;
 
 /// The local coordinates of an element; zero when it has no bytes.
 pub(super) fn local(block: &Block, buffers: &Buffers, element: usize) -> [f32; 3] {
@@ -26,9 +29,11 @@ pub(super) fn positions(
     blocks: &[Block],
     buffers: &Buffers,
     vertices: usize,
+    stop: Stop<'_>,
 ) -> Result<Vec<DVec3>, FormatError> {
     let mut positions = vec![DVec3::ZERO; vertices];
     for block in blocks {
+        go_on(stop)?;
         let range = block.first..block.first.saturating_add(block.key.count);
         let Some(slots) = positions.get_mut(range) else { continue };
         slots.par_iter_mut().enumerate().for_each(|(element, slot)| {
@@ -68,6 +73,7 @@ pub(super) fn triangles(
     blocks: &[Block],
     buffers: &Buffers,
     count: usize,
+    stop: Stop<'_>,
 ) -> Result<Vec<[u32; 3]>, FormatError> {
     let mut triangles = Vec::with_capacity(count);
     let mut corners = Vec::new();
@@ -75,7 +81,9 @@ pub(super) fn triangles(
         let Some(block) = blocks.get(piece.block) else { continue };
         corners.clear();
         match &piece.indices {
-            Some((accessor, key)) => read_indices(*accessor, key, block, buffers, &mut corners)?,
+            Some((accessor, key)) => {
+                read_indices(*accessor, key, block, buffers, &mut corners, stop)?;
+            }
             None => {
                 for element in 0..block.key.count {
                     corners.push(vertex(block, element)?);
@@ -114,6 +122,7 @@ fn read_indices(
     block: &Block,
     buffers: &Buffers,
     corners: &mut Vec<u32>,
+    stop: Stop<'_>,
 ) -> Result<(), FormatError> {
     let named = |element: usize, index: u32| {
         usize::try_from(index)
@@ -137,6 +146,9 @@ fn read_indices(
     };
     let mut overrides = overrides.into_iter().enumerate().peekable();
     for element in 0..key.count {
+        if element % STRETCH == 0 {
+            go_on(stop)?;
+        }
         let own = overrides.next_if(|&(_, at)| usize::try_from(at) == Ok(element));
         let source = match (own, &key.sparse) {
             (Some((k, _)), Some(sparse)) => Some((&sparse.values, k)),

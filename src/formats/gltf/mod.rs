@@ -34,7 +34,7 @@ use rayon::prelude::*;
 use self::buffers::Buffers;
 use self::carrier::Block;
 use self::container::Container;
-use super::{Format, FormatError, Limits};
+use super::{Format, FormatError, Limits, Stop, go_on};
 use crate::mesh::Mesh;
 
 /// Where the coordinates stand.
@@ -51,6 +51,7 @@ pub(super) fn read(
     bytes: &[u8],
     format: Format,
     limits: &Limits,
+    stop: Stop<'_>,
 ) -> Result<(Mesh, Layout), FormatError> {
     if bytes.is_empty() {
         return Err(FormatError::Empty);
@@ -67,6 +68,7 @@ pub(super) fn read(
             _ => {}
         }
     }
+    go_on(stop)?;
     let placed = scene::placed_meshes(&document)?;
     let mut buffers = Buffers::new(bytes, &container, &document);
     let carrier = carrier::gather(&document, &mut buffers, &placed, limits, bytes.len())?;
@@ -77,8 +79,9 @@ pub(super) fn read(
     // Before anything is allocated: blocks that share no byte are together no larger than the
     // file, however many accessors a hostile document declares.
     overlap::check(&document, &mut blocks)?;
-    let positions = geometry::positions(&blocks, &buffers, carrier.vertices)?;
-    let triangles = geometry::triangles(&carrier.pieces, &blocks, &buffers, carrier.triangles)?;
+    let positions = geometry::positions(&blocks, &buffers, carrier.vertices, stop)?;
+    let triangles =
+        geometry::triangles(&carrier.pieces, &blocks, &buffers, carrier.triangles, stop)?;
     let pinned = geometry::pinned(&blocks)?;
     drop(buffers);
     let mesh = Mesh::new(positions, triangles)?;

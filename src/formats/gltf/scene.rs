@@ -107,7 +107,7 @@ fn roots(document: &Document, is_child: &[bool]) -> Result<Vec<usize>, FormatErr
 
 fn local(node: &Node, index: usize) -> Result<DAffine3, FormatError> {
     if let Some(matrix) = &node.matrix {
-        let matrix = DMat4::from_cols_array(matrix);
+        let matrix = DMat4::from_cols_array(matrix.as_ref());
         let bottom = matrix.row(3);
         if !(bottom - glam::DVec4::W).abs().cmple(glam::DVec4::splat(1e-6)).all() {
             return Err(malformed(
@@ -118,9 +118,9 @@ fn local(node: &Node, index: usize) -> Result<DAffine3, FormatError> {
         return Ok(DAffine3::from_mat4(matrix));
     }
     Ok(DAffine3::from_scale_rotation_translation(
-        DVec3::from_array(node.scale.unwrap_or([1.0; 3])),
-        DQuat::from_array(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0])),
-        DVec3::from_array(node.translation.unwrap_or([0.0; 3])),
+        DVec3::from_array(node.scale.as_deref().copied().unwrap_or([1.0; 3])),
+        DQuat::from_array(node.rotation.as_deref().copied().unwrap_or([0.0, 0.0, 0.0, 1.0])),
+        DVec3::from_array(node.translation.as_deref().copied().unwrap_or([0.0; 3])),
     ))
 }
 

@@ -23,7 +23,7 @@ mod properties;
 pub(super) use cursor::{Cursor, Statement};
 pub(super) use layout::Layout;
 
-use super::{FormatError, Limits};
+use super::{FormatError, Limits, Stop};
 use crate::mesh::Mesh;
 
 /// Bytes that one task parses. Small enough to keep all cores busy on a file of a few megabytes,
@@ -35,16 +35,21 @@ const CHUNK_BYTES: usize = 1 << 20;
 /// # Errors
 /// [`FormatError::MalformedObj`] and [`FormatError::NonFiniteVertex`] with the physical line,
 /// [`FormatError::TooLarge`] over a limit, [`FormatError::NoTriangles`] without a surface.
-pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(Mesh, Layout), FormatError> {
-    read_in_chunks(bytes, limits, CHUNK_BYTES)
+pub(super) fn read(
+    bytes: &[u8],
+    limits: &Limits,
+    stop: Stop<'_>,
+) -> Result<(Mesh, Layout), FormatError> {
+    read_in_chunks(bytes, limits, CHUNK_BYTES, stop)
 }
 
 fn read_in_chunks(
     bytes: &[u8],
     limits: &Limits,
     chunk_bytes: usize,
+    stop: Stop<'_>,
 ) -> Result<(Mesh, Layout), FormatError> {
-    let parsed = parse::parse(bytes, limits, chunk_bytes)?;
+    let parsed = parse::parse(bytes, limits, chunk_bytes, stop)?;
     let mesh = Mesh::new(parsed.positions, parsed.triangles)?;
     let layout = Layout::new(&mesh, parsed.offsets, parsed.fewest_decimals, bytes.len());
     Ok((mesh, layout))

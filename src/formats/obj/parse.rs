@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::{FormatError, Limits};
+use super::super::{FormatError, Limits, Stop, go_on};
 use super::chunk::{Caps, Chunk};
 use super::corner::{Corner, MOST_VERTICES};
 use super::cursor::{line_number, next_boundary};
@@ -30,6 +30,7 @@ pub(super) fn parse(
     bytes: &[u8],
     limits: &Limits,
     chunk_bytes: usize,
+    stop: Stop<'_>,
 ) -> Result<Parsed, FormatError> {
     // Offsets are kept in 32 bits.
     within("bytes", bytes.len(), u32::MAX as usize)?;
@@ -41,8 +42,10 @@ pub(super) fn parse(
     let stretches = cut(bytes, chunk_bytes);
     let chunks = stretches
         .par_iter()
-        .map(|&(start, text)| meter.parse(text, start))
-        .collect::<Vec<Result<Chunk, Fault>>>()
+        .map(|&(start, text)| if stop() { Ok(Chunk::default()) } else { meter.parse(text, start) })
+        .collect::<Vec<Result<Chunk, Fault>>>();
+    go_on(stop)?;
+    let chunks = chunks
         .into_iter()
         .collect::<Result<Vec<Chunk>, Fault>>()
         .map_err(|fault| explain(fault, bytes))?;
@@ -50,7 +53,9 @@ pub(super) fn parse(
     let triangles = chunks.iter().map(|chunk| chunk.triangle_count).sum();
     within("vertices", vertices, caps.vertices)?;
     within("triangles", triangles, caps.triangles)?;
-    join(chunks, &stretches, vertices, triangles).map_err(|fault| explain(fault, bytes))
+    let parsed = join(chunks, &stretches, vertices, triangles, stop);
+    go_on(stop)?;
+    parsed.map_err(|fault| explain(fault, bytes))
 }
 
 /// Counts over all chunks, so that a hostile file allocates no more than its limits allow, give or
@@ -97,6 +102,7 @@ fn join(
     stretches: &[(usize, &[u8])],
     vertices: usize,
     triangles: usize,
+    stop: Stop<'_>,
 ) -> Result<Parsed, Fault> {
     let total = u32::try_from(vertices).unwrap_or(u32::MAX);
     let mut before = 0_u32;
@@ -107,6 +113,9 @@ fn join(
         fewest_decimals: chunks.iter().filter_map(|chunk| chunk.fewest_decimals).min(),
     };
     for (chunk, &(start, text)) in chunks.into_iter().zip(stretches) {
+        if stop() {
+            break;
+        }
         let resolve = |corner: Corner| corner.resolve(before, total);
         for &[a, b, c] in &chunk.triangles {
             let (Some(a), Some(b), Some(c)) = (resolve(a), resolve(b), resolve(c)) else {
@@ -147,9 +156,13 @@ mod tests {
         v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nf 1 2 3\nf -4 -2 -1\nf 1/1 2/1 3/1 4/1\n";
 
     fn parse_all_ways(text: &[u8], limits: &Limits) -> Result<Parsed, FormatError> {
-        let whole = parse(text, limits, usize::MAX);
+        let whole = parse(text, limits, usize::MAX, &|| false);
         for chunk_bytes in [1, 7, 16, 64] {
-            assert_eq!(parse(text, limits, chunk_bytes), whole, "chunks of {chunk_bytes}");
+            assert_eq!(
+                parse(text, limits, chunk_bytes, &|| false),
+                whole,
+                "chunks of {chunk_bytes}"
+            );
         }
         whole
     }

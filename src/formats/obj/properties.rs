@@ -255,8 +255,8 @@ proptest! {
     #[test]
     fn cuts_do_not_matter(text in text(), chunk_bytes in 1..64_usize) {
         let limits = Limits::default();
-        let (whole, _) = read(text.as_bytes(), &limits).unwrap();
-        let (cut, layout) = read_in_chunks(text.as_bytes(), &limits, chunk_bytes).unwrap();
+        let (whole, _) = read(text.as_bytes(), &limits, &|| false).unwrap();
+        let (cut, layout) = read_in_chunks(text.as_bytes(), &limits, chunk_bytes, &|| false).unwrap();
         prop_assert_eq!(bits(whole.positions()), bits(cut.positions()));
         prop_assert_eq!(whole.triangles(), cut.triangles());
         let mut positions = cut.positions().to_vec();
@@ -279,8 +279,8 @@ proptest! {
         }
         let limits = Limits { max_vertices: 20, max_triangles: 20, ..Limits::default() };
         let answer = |result: Result<(Mesh, _), FormatError>| result.map(|(mesh, _)| mesh);
-        let whole = answer(read(&bytes, &limits));
-        prop_assert_eq!(whole, answer(read_in_chunks(&bytes, &limits, chunk_bytes)));
+        let whole = answer(read(&bytes, &limits, &|| false));
+        prop_assert_eq!(whole, answer(read_in_chunks(&bytes, &limits, chunk_bytes, &|| false)));
         if let Ok(asset) = Asset::read(&bytes, &limits) {
             let positions = asset.mesh().positions();
             prop_assert_eq!(asset.write(&bytes, positions).unwrap(), bytes);
@@ -296,13 +296,13 @@ proptest! {
     #[test]
     fn random_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
         let _ = Asset::read(&bytes, &Limits::default());
-        let _ = read(&bytes, &Limits::default());
+        let _ = read(&bytes, &Limits::default(), &|| false);
     }
 
     #[test]
     fn random_statements_are_read_or_refused(text in "[vf0-3./\\\\#\r\n \t+e-]{0,200}") {
-        let _ = read(text.as_bytes(), &Limits::default());
-        let _ = read_in_chunks(text.as_bytes(), &Limits::default(), 3);
+        let _ = read(text.as_bytes(), &Limits::default(), &|| false);
+        let _ = read_in_chunks(text.as_bytes(), &Limits::default(), 3, &|| false);
     }
 }
 

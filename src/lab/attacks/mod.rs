@@ -49,6 +49,9 @@ pub enum AttackError {
     /// Copies to be averaged are not copies of one mesh.
     #[error("the copies differ in their triangles or numbers of vertices")]
     CopiesDiffer,
+    /// It was told to stop.
+    #[error("stopped")]
+    Stopped,
     /// There is no surface to work on.
     #[error("no triangle of the mesh has an area")]
     NoSurface,

@@ -44,6 +44,19 @@ pub fn mark(
     codeword: &Codeword,
     params: &EmbedParams,
 ) -> Result<Embedding, WatermarkError> {
+    mark_until(mesh, codeword, params, &|| false)
+}
+
+/// The same, asking `stop` between passes.
+///
+/// # Errors
+/// Also [`WatermarkError::Cancelled`].
+pub fn mark_until(
+    mesh: &Mesh,
+    codeword: &Codeword,
+    params: &EmbedParams,
+    stop: &dyn Fn() -> bool,
+) -> Result<Embedding, WatermarkError> {
     #[expect(clippy::cast_possible_truncation, reason = "rounding to single precision is meant")]
     let round = |positions: &mut [DVec3]| {
         for p in positions {
@@ -51,5 +64,5 @@ pub fn mark(
         }
     };
     let host = Host { mesh, surface: &Surface::new(mesh), pinned: &[], round: &round };
-    embed(host, codeword, params, &|| false)
+    embed(host, codeword, params, stop)
 }

@@ -24,6 +24,7 @@ pub fn laplacian(target: &Target<'_>, lambda: f64, iterations: usize) -> Result<
     let rings = target.rings();
     let mut next = now.clone();
     for _ in 0..iterations {
+        target.go_on()?;
         next.par_iter_mut().with_min_len(4096).enumerate().for_each(|(vertex, next)| {
             let old = now[vertex];
             let ring = rings.of(vertex);

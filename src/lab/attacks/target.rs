@@ -20,6 +20,7 @@ pub struct Target<'a> {
     edges: OnceCell<Edges>,
     around: OnceCell<Adjacency>,
     rings: OnceCell<Rings>,
+    stop: Option<&'a (dyn Fn() -> bool + Sync)>,
 }
 
 impl<'a> Target<'a> {
@@ -32,7 +33,22 @@ impl<'a> Target<'a> {
             edges: OnceCell::new(),
             around: OnceCell::new(),
             rings: OnceCell::new(),
+            stop: None,
         }
+    }
+
+    /// Of a mesh, as long as `stop` answers `false`.
+    #[must_use]
+    pub fn until(mesh: &'a Mesh, stop: &'a (dyn Fn() -> bool + Sync)) -> Self {
+        Self { stop: Some(stop), ..Self::new(mesh) }
+    }
+
+    /// Asked in attacks that take long.
+    ///
+    /// # Errors
+    /// [`AttackError::Stopped`].
+    pub(super) fn go_on(&self) -> Result<(), AttackError> {
+        if self.stop.is_some_and(|stop| stop()) { Err(AttackError::Stopped) } else { Ok(()) }
     }
 
     /// The mesh.
@@ -52,6 +68,7 @@ impl<'a> Target<'a> {
     /// [`AttackError::NoSurface`] when no triangle has an area.
     pub fn surface(&self) -> Result<&Surface, AttackError> {
         let surface = self.welded();
+        self.go_on()?;
         if surface.triangles.is_empty() { Err(AttackError::NoSurface) } else { Ok(surface) }
     }
 

@@ -31,6 +31,10 @@ use table::TABLE;
 /// times their number in memory, for seconds.
 const MOST_CARRIERS: usize = 200_000;
 
+/// The same for triangles, of which a closed surface has twice as many: a file may repeat them over few
+/// carriers.
+const MOST_TRIANGLES: usize = 3 * MOST_CARRIERS;
+
 /// The fit of one attack.
 struct Coefficients {
     /// As the quick grid names it.
@@ -74,7 +78,7 @@ pub fn expected(
 ) -> Vec<Expected> {
     let Some(features) = features(inspection, params) else { return Vec::new() };
     let attacks = quick_attacks();
-    let small = inspection.carriers <= MOST_CARRIERS;
+    let small = inspection.carriers <= MOST_CARRIERS && inspection.triangles <= MOST_TRIANGLES;
     let rehearsed = if small { rehearse(host, params, attacks, stop) } else { Vec::new() };
     let bins = vec![1.0; inspection.usable_bins];
     let after = |(place, fit): (usize, &Coefficients)| {

@@ -4,7 +4,7 @@
 
 use rayon::prelude::*;
 
-use crate::lab::attacks::re_mark::{key_and_message, mark};
+use crate::lab::attacks::re_mark::{key_and_message, mark_until};
 use crate::lab::attacks::{Attack, Context, Target};
 use crate::lab::random::Random;
 use crate::mesh::Mesh;
@@ -51,7 +51,7 @@ pub fn rehearse(
         return Vec::new();
     };
     let codeword = Codeword::new(&key, &message);
-    let marked = mark(host, &codeword, &params)
+    let marked = mark_until(host, &codeword, &params, &|| stop())
         .ok()
         .and_then(|made| Mesh::new(made.positions, host.triangles().to_vec()).ok());
     let Some(marked) = marked else { return Vec::new() };
@@ -60,7 +60,10 @@ pub fn rehearse(
         if stop() || !is_rehearsed(attack) {
             return None;
         }
-        let attacked = attack.apply(&Target::new(&marked), &context, SEED ^ place).ok()?;
+        let attacked = attack.apply(&Target::until(&marked, stop), &context, SEED ^ place).ok()?;
+        if stop() {
+            return None;
+        }
         bound(&attacked, &codeword, params.bits, modulation)
     };
     let numbered: Vec<(u64, &Attack)> = (1..).zip(attacks).collect();

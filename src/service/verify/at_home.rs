@@ -23,7 +23,7 @@ use crate::jobs::Stop;
 use crate::keys::KeyRing;
 use crate::mesh::Mesh;
 use crate::recognition::{Home, Look, LookKind, Visitor, looks};
-use crate::registration::Effort;
+use crate::registration::{Allowed, Effort, Within};
 use crate::registry::Record;
 use crate::watermark::{Candidate, CodewordIndex, GroupKey, Hypothesis, Profile, Suspect, Worth};
 
@@ -73,11 +73,18 @@ pub(super) struct Visit<'a> {
     pub(super) keys: &'a KeyRing,
     pub(super) homes: &'a Homes,
     pub(super) depth: Depth,
+    /// Work of registration, over all hosts.
+    pub(super) allowed: Allowed,
     pub(super) stop: &'a Stop,
 }
 
-fn effort(depth: Depth) -> Effort {
+pub(super) fn effort(depth: Depth) -> Effort {
     if depth == Depth::Exhaustive { Effort::Thorough } else { Effort::Whole }
+}
+
+/// Vertices and triangles together.
+fn elements(mesh: &Mesh) -> u64 {
+    mesh.positions().len() as u64 + mesh.triangles().len() as u64
 }
 
 impl Visit<'_> {
@@ -91,6 +98,8 @@ impl Visit<'_> {
         }
         let visitor = Visitor::new(self.mesh, self.suspect.surface());
         let mut rank_share = 1.0 - REST;
+        let hosts = self.hosts.iter().map(|housed| elements(housed.home.mesh())).collect();
+        let mut shares = self.allowed.shares(elements(self.mesh), hosts);
         for housed in self.hosts {
             go_on(self.stop)?;
             let mut failed = None;
@@ -102,7 +111,10 @@ impl Visit<'_> {
                 }
             };
             let stop = || self.stop.now();
-            let end = looks(&housed.home, &visitor, effort(self.depth), &stop, &mut see);
+            let budget = shares.deal();
+            let within = Within { budget: &budget, stop: &stop };
+            let end = looks(&housed.home, &visitor, effort(self.depth), within, &mut see);
+            shares.took(&budget);
             if let Some(error) = failed {
                 return Err(error);
             }

@@ -7,13 +7,14 @@ use super::super::{Service, ServiceError};
 use super::Depth;
 use super::ladder::Found;
 use crate::jobs::Stop;
+use crate::mesh::Mesh;
 
 impl Service {
     /// On the pool: the live marks that a host carries for certain (below the threshold of a
     /// match), best first.
     pub(in super::super) fn marks_on(
         &self,
-        host: &[u8],
+        host: &Mesh,
         stop: &Stop,
     ) -> Result<Vec<Seen>, ServiceError> {
         if self.known.len() == 0 {

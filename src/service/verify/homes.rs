@@ -8,6 +8,7 @@ use quick_cache::sync::Cache;
 
 use super::super::ServiceError;
 use super::super::hosts::HostKey;
+use crate::jobs::Stop;
 use crate::recognition::Home;
 use crate::registry::Record;
 use crate::watermark::{BitCount, EmbedParams, HostFilter, Method};
@@ -75,6 +76,7 @@ impl Homes {
         host: (HostKey, &Home),
         record: &Record,
         class: u8,
+        stop: &Stop,
     ) -> Result<Arc<HostFilter>, ServiceError> {
         let strength = record.strength;
         let (method, bits) = (record.method, record.bits);
@@ -84,7 +86,9 @@ impl Homes {
             return Ok(filter);
         }
         let params = EmbedParams { method, strength, bits, closed_loop: true };
-        let filter = Arc::new(HostFilter::new(host.1.mesh(), class, &params)?);
+        let made = HostFilter::new_until(host.1.mesh(), class, &params, &|| stop.now());
+        super::go_on(stop)?;
+        let filter = Arc::new(made?);
         self.filters.insert(key, filter.clone());
         Ok(filter)
     }

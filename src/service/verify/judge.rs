@@ -74,6 +74,7 @@ impl Service {
                 vertices: searched.vertices,
                 triangles: searched.triangles,
             },
+            looked_at: searched.looked_at,
         })
     }
 }

@@ -7,7 +7,9 @@ use super::super::ServiceError;
 use super::super::verdict::{FrameName, StageName};
 use super::go_on;
 use super::ladder::{Case, Stage, Tried};
-use crate::watermark::{BitCount, Effort, GroupKey, Lattices, Modulation, Worth, synchronise};
+use crate::watermark::{
+    BitCount, Effort, GroupKey, Lattices, Modulation, Worth, synchronise_until,
+};
 
 /// Kinds of marks (number of bits and modulation) that are searched for, those with most records
 /// first: each costs a search of its own.
@@ -51,7 +53,9 @@ impl Stage for LatticeSearch {
         let mut lattices: BTreeMap<(BitCount, Modulation), Lattices> = BTreeMap::new();
         for (bits, modulation) in case.marks.kinds().into_iter().take(MOST_KINDS) {
             go_on(case.stop)?;
-            let found = synchronise(case.suspect, bits, modulation, &self.effort);
+            let stop = || case.stop.now();
+            let found = synchronise_until(case.suspect, bits, modulation, &self.effort, &stop);
+            go_on(case.stop)?;
             lattices.insert((bits, modulation), found);
         }
         let read = |key: GroupKey| {

@@ -30,14 +30,16 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::hosts::HostKey;
-use super::verdict::Verification;
+use super::memory::{self, Purpose};
+use super::verdict::{LookedAt, Verification};
 use super::{Service, ServiceError, Spooled, Text};
 use crate::formats::{Asset, Format};
-use crate::jobs::{JobError, Stop};
+use crate::jobs::{Memory, Slot, Stop};
 use crate::mesh::Mesh;
+use crate::registration::Allowed;
 use crate::registry::StoredVerification;
 use crate::watermark::{CodewordIndex, Suspect};
-use at_home::{Housed, Visit};
+use at_home::{Housed, Visit, effort};
 pub(super) use homes::Homes;
 use ladder::{Case, Climb, Climbed, Found};
 use later::later_marks;
@@ -105,16 +107,21 @@ struct Searched {
     vertices: usize,
     triangles: usize,
     climbed: Climbed,
+    looked_at: LookedAt,
     /// Marks that were not asked about: only what their records say of those that were counts.
     later: Vec<Found>,
     /// The records that the request names.
     named: Option<Arc<Named>>,
 }
 
-/// What the first job hands to the second.
-struct Begun {
+/// What was read from the suspect's file.
+struct Read {
     format: Format,
     mesh: Mesh,
+}
+
+/// What the first job hands to the second.
+struct Begun {
     suspect: Suspect,
     /// All marks, and those that are asked about.
     all: CodewordIndex,
@@ -137,17 +144,22 @@ impl Service {
     ) -> Result<Verification, ServiceError> {
         let named = self.named(&request).await?;
         let (depth, bytes) = (request.depth, request.file.bytes);
-        let (service, mut file, named) = (self.clone(), request.file, named.map(Arc::new));
+        let (service, file, named) = (self.clone(), request.file, named.map(Arc::new));
         let sha256 = hex::encode(file.sha256);
         let known = named.clone();
-        let begun = self
-            .run(bytes, move |stop| {
-                let bytes = file.read()?;
-                let named = known.as_deref();
-                service.begin(&bytes, named, depth, stop)
+        // Held until the verdict is kept: a verification that began is not refused half-way.
+        let slot = self.admit()?;
+        let (read, begun) = self
+            .run(&slot, bytes, move |allowed| {
+                let stop = || allowed.stop().now();
+                let asset = Asset::read_until(&file.read()?, &service.config.limits, &stop)?;
+                let (format, mesh) = (asset.format(), asset.into_mesh());
+                allowed.need(memory::needed(&mesh, Purpose::Verify))?;
+                let begun = service.begin(&mesh, known.as_deref(), depth, allowed.stop())?;
+                Ok((Read { format, mesh }, begun))
             })
             .await?;
-        let searched = self.end(begun, named.clone(), depth, bytes).await?;
+        let searched = self.end(&slot, read, begun, named.clone(), depth).await?;
         let verification = self.judge(searched, depth, sha256).await?;
         // What it named may have been found and dropped, because it was revoked meanwhile.
         if verification.matches.is_empty() && named.is_some_and(|named| !self.searches(&named)) {
@@ -173,19 +185,16 @@ impl Service {
         Ok(found.ok_or(ServiceError::UnknownVerification(id))?.answer)
     }
 
-    /// On the pool: reads the suspect and climbs as far as suspect and marks alone lead.
+    /// On the pool: climbs as far as suspect and marks alone lead.
     fn begin(
         &self,
-        bytes: &[u8],
+        mesh: &Mesh,
         named: Option<&Named>,
         depth: Depth,
         stop: &Stop,
     ) -> Result<Begun, ServiceError> {
-        let asset = Asset::read(bytes, &self.config.limits)?;
-        let format = asset.format();
-        let mesh = asset.into_mesh();
         go_on(stop)?;
-        let suspect = Suspect::new(&mesh)?;
+        let suspect = Suspect::new(mesh)?;
         go_on(stop)?;
         let all = self.known.marks();
         let marks = match named {
@@ -209,51 +218,58 @@ impl Service {
         } else {
             Vec::new()
         };
-        Ok(Begun { format, mesh, suspect, all, marks, climb, later, listed })
+        Ok(Begun { suspect, all, marks, climb, later, listed })
     }
 
     /// Looks at the hosts of the short list, if there is one, and climbs on.
     async fn end(
         self: &Arc<Self>,
+        slot: &Slot,
+        Read { format, mesh }: Read,
         begun: Begun,
         named: Option<Arc<Named>>,
         depth: Depth,
-        bytes: u64,
     ) -> Result<Searched, ServiceError> {
-        let Begun { format, mesh, suspect, all, marks, mut climb, later, mut listed } = begun;
+        let Begun { suspect, all, marks, mut climb, later, mut listed } = begun;
         let (vertices, triangles) = (mesh.positions().len(), mesh.triangles().len());
         let asked = named.clone();
-        let of = |climb: Climb| {
+        let of = |climb: Climb, looked_at: LookedAt| {
             let climbed = climb.finish();
-            Searched { format, vertices, triangles, climbed, later, named: asked }
+            Searched { format, vertices, triangles, climbed, looked_at, later, named: asked }
         };
         if depth == Depth::Fast {
-            return Ok(of(climb));
+            return Ok(of(climb, LookedAt::default()));
         }
         if let Some(found) = climb.best_match() {
             listed = Vec::from_iter(self.recipients_beside(found.id).await?);
             if listed.is_empty() {
-                return Ok(of(climb));
+                return Ok(of(climb, LookedAt::default()));
             }
         }
         let hosts = self.fetch(listed, named.as_deref()).await?;
-        let bytes = hosts.iter().map(Listed::upload_bytes).sum::<u64>().saturating_add(bytes);
+        let looked_at =
+            LookedAt { hosts: hosts.len(), elements: hosts.iter().map(Listed::elements).sum() };
+        let beyond = Memory::Beyond(hosts.iter().map(Listed::memory).sum());
         let service = self.clone();
         let climb = self
-            .run(bytes, move |stop| {
+            .pool
+            .run(slot, beyond, move |allowed| -> Result<Climb, ServiceError> {
+                let stop = allowed.stop();
                 let housed: Result<Vec<Option<Housed>>, ServiceError> =
                     hosts.into_iter().map(|listed| service.housed(listed)).collect();
                 let hosts: Vec<Housed> = housed?.into_iter().flatten().collect();
                 let (mesh, suspect, all, marks) = (&mesh, &suspect, &all, &marks);
                 let (keys, homes, hosts) = (&service.keys, &service.homes, hosts.as_slice());
-                Visit { mesh, suspect, all, hosts, keys, homes, depth, stop }.run(&mut climb)?;
+                let allowed = Allowed::of(effort(depth));
+                let visit = Visit { mesh, suspect, all, hosts, keys, homes, depth, allowed, stop };
+                visit.run(&mut climb)?;
                 let named = named.as_deref();
                 let case = Case { suspect, marks, named, keys, stop };
                 climb.run(&case, ladder::late_stages(depth))?;
                 Ok(climb)
             })
-            .await?;
-        Ok(of(climb))
+            .await??;
+        Ok(of(climb, looked_at))
     }
 }
 
@@ -262,7 +278,7 @@ fn revoked_meanwhile() -> ServiceError {
 }
 
 fn go_on(stop: &Stop) -> Result<(), ServiceError> {
-    if stop.now() { Err(JobError::DeadlinePassed.into()) } else { Ok(()) }
+    if stop.now() { Err(stop.reason().into()) } else { Ok(()) }
 }
 
 #[cfg(test)]

@@ -95,7 +95,9 @@ impl<'a> Recipients<'a> {
         for (rank, record) in self.asked.iter().enumerate() {
             go_on(self.visit.stop)?;
             let filtered = self.filtered(record)?;
-            let reading = filtered.filter.compare(&self.look.sightings, turned);
+            let stop = || self.visit.stop.now();
+            let reading = filtered.filter.compare_until(&self.look.sightings, turned, &stop);
+            go_on(self.visit.stop)?;
             score(StageName::MatchedFilter, &filtered, reading.alone(), seen, climb)?;
             let others = expected.iter().filter(|(id, _)| *id != record.id);
             let others: Vec<&[DVec3]> = others.map(|(_, at)| at.as_slice()).take(BESIDE).collect();
@@ -134,13 +136,14 @@ impl<'a> Recipients<'a> {
     ) -> Result<Option<SoftBits>, ServiceError> {
         let class = later_class(seen.profile, record, codeword.lattice_class());
         let host = (self.housed.key, &*self.housed.home);
-        Ok(reading.under(&*self.visit.homes.filter(host, record, class)?))
+        Ok(reading.under(&*self.visit.homes.filter(host, record, class, self.visit.stop)?))
     }
 
     fn filtered(&self, record: &'a Record) -> Result<Filtered<'a>, ServiceError> {
         let codeword = codeword(self.visit.keys, &record.source())?;
         let host = (self.housed.key, &*self.housed.home);
-        let filter = self.visit.homes.filter(host, record, codeword.lattice_class())?;
+        let filter =
+            self.visit.homes.filter(host, record, codeword.lattice_class(), self.visit.stop)?;
         Ok(Filtered { record, codeword, filter })
     }
 }

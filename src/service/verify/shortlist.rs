@@ -7,6 +7,7 @@ use bytes::Bytes;
 use uuid::Uuid;
 
 use super::super::hosts::HostKey;
+use super::super::memory::{self, Purpose};
 use super::super::{Service, ServiceError};
 use super::Depth;
 use super::at_home::Housed;
@@ -149,8 +150,19 @@ impl Service {
 }
 
 impl Listed {
-    /// Bytes of an upload that would take about as much memory.
-    pub(super) fn upload_bytes(&self) -> u64 {
-        self.records.first().map_or(0, |record| record.marked_bytes)
+    fn counts(&self) -> (u64, u64) {
+        self.records.first().map_or((0, 0), |record| (record.vertices, record.triangles))
+    }
+
+    /// Its vertices and triangles together.
+    pub(super) fn elements(&self) -> u64 {
+        let (vertices, triangles) = self.counts();
+        vertices.saturating_add(triangles)
+    }
+
+    /// Bytes of memory that looking at it takes, about.
+    pub(super) fn memory(&self) -> u64 {
+        let (vertices, triangles) = self.counts();
+        memory::of(vertices, triangles, Purpose::Host)
     }
 }

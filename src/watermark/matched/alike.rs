@@ -42,7 +42,12 @@ struct Trial {
 
 impl HostFilter {
     /// As many rounds of smoothing as fit the suspect best; `moved` when a similarity brought it here.
-    pub(super) fn alike(&self, sightings: &[Sighting], moved: bool) -> Alike {
+    pub(super) fn alike(
+        &self,
+        sightings: &[Sighting],
+        moved: bool,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Alike {
         let judges: Vec<Sighting> =
             sightings.iter().step_by((sightings.len() / JUDGES).max(1)).copied().collect();
         let trial = |rounds: usize, middle: &Vec<DVec3>, nudge: Nudge| {
@@ -69,6 +74,9 @@ impl HostFilter {
         // What the best was smoothed from, and which number was tried after it.
         let (mut before, mut after) = ((0, now.clone()), None);
         for upto in SMOOTHINGS.into_iter().skip(1) {
+            if stop() {
+                return Alike { rounds: 0, middle: best.middle, nudge: Nudge::NONE };
+            }
             let next = self.smoothing().smoothed(now.clone(), upto - rounds);
             let last = (rounds, std::mem::replace(&mut now, next));
             rounds = upto;
@@ -95,7 +103,7 @@ impl HostFilter {
         let (mut rounds, mut now) = before;
         let mut worse = 0;
         nudge = best.nudge;
-        while rounds + 1 < after.unwrap_or(best.rounds) && worse < PATIENCE {
+        while rounds + 1 < after.unwrap_or(best.rounds) && worse < PATIENCE && !stop() {
             now = self.smoothing().smoothed(now, 1);
             rounds += 1;
             let tried = trial(rounds, &now, nudge);
@@ -141,7 +149,7 @@ mod tests {
             // A fit to the unsmoothed host makes up for some of the shrinkage.
             let cases = [(seen(&|p| p), false), (seen(&|p| turn * (1.01 * p) + 0.002), true)];
             for (sightings, moved) in cases {
-                assert_eq!(filter.alike(&sightings, moved).rounds, rounds, "{moved}");
+                assert_eq!(filter.alike(&sightings, moved, &|| false).rounds, rounds, "{moved}");
                 let turned = moved.then_some(DQuat::IDENTITY);
                 let soft = filter.compare(&sightings, turned).alone();
                 let bound = soft.log10_bound(soft.score(&marked.codeword).t);
@@ -160,7 +168,7 @@ mod tests {
                 let carriers = (0..).zip(&filter.surface().first_vertex);
                 let seen = carriers
                     .map(|(carrier, &v)| Sighting { carrier, at: marked.positions[v as usize] });
-                let alike = filter.alike(&seen.collect::<Vec<_>>(), moved);
+                let alike = filter.alike(&seen.collect::<Vec<_>>(), moved, &|| false);
                 assert_eq!((alike.rounds, alike.nudge), (0, Nudge::NONE), "{sample} {moved}");
             }
         }

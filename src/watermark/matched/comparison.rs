@@ -40,14 +40,15 @@ impl<'a> Comparison<'a> {
         filter: &'a HostFilter,
         sightings: &[Sighting],
         turned: Option<DQuat>,
+        stop: &(dyn Fn() -> bool + Sync),
     ) -> Self {
-        let Alike { rounds, middle, nudge } = filter.alike(sightings, turned.is_some());
+        let Alike { rounds, middle, nudge } = filter.alike(sightings, turned.is_some(), stop);
         if rounds > 0 {
             let at = |s: &Sighting| Sighting { at: nudge.apply(s.at), ..*s };
             let sightings: Vec<Sighting> = sightings.iter().map(at).collect();
             return Self::after(filter, &sightings, rounds, &middle);
         }
-        let grid = grid_of(sightings, turned.unwrap_or_default());
+        let grid = if stop() { None } else { grid_of(sightings, turned.unwrap_or_default()) };
         let cells = grid.and_then(|grid| filter.by_cells(sightings, &grid));
         Self { cells, ..Self::after(filter, sightings, rounds, &middle) }
     }

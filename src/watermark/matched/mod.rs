@@ -88,6 +88,19 @@ impl HostFilter {
     /// # Errors
     /// [`WatermarkError::NoRadialExtent`].
     pub fn new(host: &Mesh, class: u8, params: &EmbedParams) -> Result<Self, WatermarkError> {
+        Self::new_until(host, class, params, &|| false)
+    }
+
+    /// The same, asking `stop` between passes.
+    ///
+    /// # Errors
+    /// Also [`WatermarkError::Cancelled`].
+    pub fn new_until(
+        host: &Mesh,
+        class: u8,
+        params: &EmbedParams,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, WatermarkError> {
         let surface = Surface::new(host);
         let centre = surface.centre();
         let rho = norms(&surface.positions, centre);
@@ -101,6 +114,9 @@ impl HostFilter {
             let mut state = State::new(params.bits.get());
             let mut positions = Vec::new();
             for _ in 0..PASSES {
+                if stop() {
+                    return Err(WatermarkError::Cancelled);
+                }
                 positions = passes.run(centre, &mut state)?.positions;
             }
             Ok(passes.carriers_of(&positions))
@@ -150,7 +166,19 @@ impl HostFilter {
     /// smoothing shrank.
     #[must_use]
     pub fn compare(&self, sightings: &[Sighting], turned: Option<DQuat>) -> Comparison<'_> {
-        Comparison::new(self, sightings, turned)
+        self.compare_until(sightings, turned, &|| false)
+    }
+
+    /// The same, asking `stop` before each number of rounds of smoothing that is tried; what comes out
+    /// once it answers `true` is worth nothing.
+    #[must_use]
+    pub fn compare_until(
+        &self,
+        sightings: &[Sighting],
+        turned: Option<DQuat>,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Comparison<'_> {
+        Comparison::new(self, sightings, turned, stop)
     }
 
     /// Soft bits of a suspect that lies where the host does; also how many rounds of smoothing it seems

@@ -52,7 +52,13 @@ const MOST_POINTS: usize = 32_768;
 const CAP: f32 = 16.0;
 
 /// The best centres other than the body's own, best first.
-pub fn search(body: &Body, bits: BitCount, modulation: Modulation, effort: &Effort) -> Vec<DVec3> {
+pub fn search(
+    body: &Body,
+    bits: BitCount,
+    modulation: Modulation,
+    effort: &Effort,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Vec<DVec3> {
     let frame = Frame::spanning(body.centre, &norms(&body.positions, body.centre));
     let bin = MIDDLE_BIN * frame.radial_extent() / bits.get() as f64;
     // A round shape's bins are thin, and so are those of many bits: no more centres for them.
@@ -65,7 +71,10 @@ pub fn search(body: &Body, bits: BitCount, modulation: Modulation, effort: &Effo
     let around = view(POINTS_PER_BIN.0);
     let mut seen: Vec<(f32, Vec3)> = ball(single(radius / bin), single(STEP))
         .into_par_iter()
-        .map_init(|| around.cells(), |cells, at| (around.roughness(at, cells), at))
+        .map_init(
+            || around.cells(),
+            |cells, at| (if stop() { 0.0 } else { around.roughness(at, cells) }, at),
+        )
         .collect();
     seen.sort_by(|a, b| b.0.total_cmp(&a.0));
     // Neighbours of a better one lead to the same place.
@@ -81,7 +90,12 @@ pub fn search(body: &Body, bits: BitCount, modulation: Modulation, effort: &Effo
     let close = view(POINTS_PER_BIN.1);
     let mut best: Vec<(f32, Vec3)> = starts
         .into_par_iter()
-        .map_init(|| close.cells(), |cells, start| close.climb(start, cells))
+        .map_init(
+            || close.cells(),
+            |cells, start| {
+                if stop() { (0.0, start) } else { close.climb(start, cells) }
+            },
+        )
         .collect();
     best.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut centres: Vec<Vec3> = Vec::new();

@@ -113,7 +113,12 @@ impl Sums {
 
 /// The local maxima of the energy among all lattices of any class that agree with the profile's
 /// range, the highest first.
-pub fn peaks(profile: &Profile, bits: BitCount, modulation: Modulation) -> Vec<Peak> {
+pub fn peaks(
+    profile: &Profile,
+    bits: BitCount,
+    modulation: Modulation,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Vec<Peak> {
     let (frame, bins) = (profile.frame(), bits.get());
     let extent = frame.radial_extent();
     if extent.is_nan() || extent <= 0.0 {
@@ -139,8 +144,13 @@ pub fn peaks(profile: &Profile, bits: BitCount, modulation: Modulation) -> Vec<P
         frame.rho_max + window.lost_above * extent,
         STEP * bin,
     );
-    let row = |&start: &f64| -> Vec<f64> { ends.iter().map(|&end| energy(start, end)).collect() };
+    let row = |&start: &f64| -> Vec<f64> {
+        if stop() { Vec::new() } else { ends.iter().map(|&end| energy(start, end)).collect() }
+    };
     let map: Vec<Vec<f64>> = starts.par_iter().map(row).collect();
+    if stop() {
+        return Vec::new();
+    }
     let mut peaks: Vec<Peak> = maxima(&map)
         .into_par_iter()
         .map(|(i, j)| Peak { start: starts[i], end: ends[j], energy: map[i][j] })

@@ -103,11 +103,25 @@ pub fn synchronise(
     modulation: Modulation,
     effort: &Effort,
 ) -> Lattices {
+    synchronise_until(suspect, bits, modulation, effort, &|| false)
+}
+
+/// The same, asking `stop` before each centre and each row of lattices; what is found once it answers
+/// `true` is worth nothing.
+#[must_use]
+pub fn synchronise_until(
+    suspect: &Suspect,
+    bits: BitCount,
+    modulation: Modulation,
+    effort: &Effort,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Lattices {
     let body = outliers::body(suspect);
     let mut centres = vec![body.centre];
-    centres.extend(centre::search(&body, bits, modulation, effort));
+    centres.extend(centre::search(&body, bits, modulation, effort, stop));
     let mut per_centre: Vec<(Cow<'_, Profile>, Vec<Peak>)> = centres
         .into_iter()
+        .take_while(|_| !stop())
         .map(|centre| {
             // Sorting the norms is what costs most; those about its own centre are there.
             let whole = body.positions.len() == suspect.vertices();
@@ -116,7 +130,7 @@ pub fn synchronise(
             } else {
                 Cow::Owned(Profile::about(&body.positions, centre))
             };
-            let peaks = energy::peaks(&profile, bits, modulation);
+            let peaks = energy::peaks(&profile, bits, modulation, stop);
             (profile, peaks)
         })
         .collect();

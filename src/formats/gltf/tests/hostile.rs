@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::documents::{cases, floats, indexed};
+use super::documents::{Case, cases, floats, indexed};
 use super::{bits, nudged, open};
 use crate::formats::gltf::{Layout, read};
 use crate::formats::{Format, FormatError, Limits};
@@ -117,15 +117,101 @@ fn refusals_have_their_own_variants() {
     let normal = altered(r#""POSITION":0"#, r#""POSITION":0,"NORMAL":0"#);
     assert!(matches!(normal, Err(FormatError::CannotPatch { .. })), "{normal:?}");
     let limits = Limits { max_vertices: 4, ..Limits::default() };
-    let error = read(&indexed().glb(), Format::Glb, &limits).unwrap_err();
+    let error = read(&indexed().glb(), Format::Glb, &limits, &|| false).unwrap_err();
     assert_eq!(error, FormatError::TooLarge { what: "vertices", count: 5, limit: 4 });
     let limits = Limits { max_triangles: 3, ..Limits::default() };
-    let error = read(&indexed().glb(), Format::Glb, &limits).unwrap_err();
+    let error = read(&indexed().glb(), Format::Glb, &limits, &|| false).unwrap_err();
     assert_eq!(error, FormatError::TooLarge { what: "triangles", count: 4, limit: 3 });
     let mut case = indexed();
     case.buffers[0].splice(0..12, floats(&[[1.0, f32::NAN, 0.0]]));
     let error = open(&case.glb(), Format::Glb).unwrap_err();
     assert_eq!(error, FormatError::NonFiniteVertex { place: "accessors[0], element 0".to_owned() });
+}
+
+/// A grid of `side` x `side` cells whose triangles so many primitives name, each from an index that
+/// stands `step` bytes further on.
+fn repeated(side: u16, primitives: usize, step: usize) -> Vec<u8> {
+    let across = side + 1;
+    let mut bin: Vec<u8> = Vec::new();
+    for k in 0..across * across {
+        bin.extend(floats(&[[f32::from(k % across), f32::from(k / across), 0.0]]));
+    }
+    let vertices = usize::from(across) * usize::from(across);
+    let indices_at = bin.len();
+    for k in 0..side * side {
+        let first = k / side * across + k % side;
+        for corner in [0, 1, across, across, 1, across + 1] {
+            bin.extend((first + corner).to_le_bytes());
+        }
+    }
+    let corners = usize::from(side) * usize::from(side) * 6;
+    let count = corners - step / 2 * primitives.saturating_sub(1);
+    let accessors: Vec<String> = (0..if step == 0 { 1 } else { primitives })
+        .map(|k| {
+            format!(
+                r#"{{"bufferView":1,"byteOffset":{},"componentType":5123,"count":{count},"type":"SCALAR"}}"#,
+                k * step
+            )
+        })
+        .collect();
+    let pieces: Vec<String> = (0..primitives)
+        .map(|k| {
+            let indices = if step == 0 { 1 } else { 1 + k };
+            format!(r#"{{"attributes":{{"POSITION":0}},"indices":{indices}}}"#)
+        })
+        .collect();
+    let json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"buffers":@BUFFERS@,"bufferViews":[
+        {{"buffer":0,"byteLength":{indices_at}}},
+        {{"buffer":0,"byteOffset":{indices_at},"byteLength":{}}}],
+        "accessors":[{{"bufferView":0,"componentType":5126,"count":{vertices},"type":"VEC3"}},{}],
+        "meshes":[{{"primitives":[{}]}}]}}"#,
+        bin.len() - indices_at,
+        accessors.join(","),
+        pieces.join(","),
+    );
+    Case { name: "repeated", json, buffers: vec![bin], counts: (0, 0) }.glb()
+}
+
+#[test]
+fn triangles_that_repeat_others_are_bounded_by_the_bytes_of_their_indices() {
+    let limits = Limits::default();
+    for (primitives, step) in [(1, 0), (4, 0), (4, 2)] {
+        let (mesh, _) =
+            read(&repeated(100, primitives, step), Format::Glb, &limits, &|| false).unwrap();
+        assert!(mesh.triangles().len() >= 19_900 * primitives, "{primitives} {step}");
+    }
+    // The same accessor two hundred times, and as many accessors over nearly the same bytes.
+    for step in [0, 2] {
+        let file = repeated(100, 200, step);
+        assert!(file.len() < 300_000);
+        let error = read(&file, Format::Glb, &limits, &|| false).unwrap_err();
+        assert!(matches!(error, FormatError::TooLarge { .. }), "{error}");
+        assert!(error.to_string().contains("repeat"), "{error}");
+    }
+}
+
+#[test]
+fn vertices_without_bytes_are_bounded_by_what_the_file_could_spell_out() {
+    let with = |count: usize, pieces: usize| {
+        let accessors: Vec<String> = (0..pieces)
+            .map(|k| format!(r#"{{"componentType":5126,"count":{},"type":"VEC3"}}"#, count + k))
+            .collect();
+        let primitives: Vec<String> =
+            (0..pieces).map(|k| format!(r#"{{"attributes":{{"POSITION":{k}}}}}"#)).collect();
+        let json = format!(
+            r#"{{"asset":{{"version":"2.0"}},"extras":"{}","accessors":[{}],"meshes":[{{"primitives":[{}]}}]}}"#,
+            "x".repeat(600_000),
+            accessors.join(","),
+            primitives.join(",")
+        );
+        read(json.as_bytes(), Format::Gltf, &Limits::default(), &|| false).map(|(mesh, _)| mesh)
+    };
+    assert_eq!(with(60_000, 1).unwrap().positions().len(), 60_000);
+    for (count, pieces) in [(8_000_000, 1), (60_000, 20)] {
+        let error = with(count, pieces).unwrap_err();
+        assert!(matches!(error, FormatError::TooLarge { .. }), "{error}");
+    }
 }
 
 #[test]
@@ -141,10 +227,10 @@ fn truncated_at_every_length() {
 /// Whatever reads must round, write and read again.
 fn survives(bytes: &[u8], format: Format) {
     let limits = Limits { max_vertices: 10_000, max_triangles: 10_000, max_bytes: 1 << 20 };
-    let Ok((mesh, layout)) = read(bytes, format, &limits) else { return };
+    let Ok((mesh, layout)) = read(bytes, format, &limits, &|| false) else { return };
     let positions = nudged(&layout, &mesh, 0.01);
     let written = layout.write(bytes, &mesh, &positions).unwrap();
-    let (back, _) = read(&written, format, &limits).unwrap();
+    let (back, _) = read(&written, format, &limits, &|| false).unwrap();
     assert_eq!(bits(back.positions()), bits(&positions));
 }
 

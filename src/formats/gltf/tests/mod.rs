@@ -9,7 +9,7 @@ use self::documents::{Case, POINTS, cases, indexed};
 use super::*;
 
 fn open(bytes: &[u8], format: Format) -> Result<(Mesh, Layout), FormatError> {
-    read(bytes, format, &Limits::default())
+    read(bytes, format, &Limits::default(), &|| false)
 }
 
 fn files() -> Vec<(String, Vec<u8>, Format)> {

@@ -1,0 +1,161 @@
+//! What a registration may spend, in counted work: no clock, so that it ends the same on every
+//! machine and on any number of threads.
+//!
+//! The unit is a *test*: a box or a triangle that a search for a closest point looks at, the inner
+//! loop of everything that takes long here. Searches add up what they took; who plans the next
+//! round asks what is left, so that a sum decides and never an order.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::prepared::Effort;
+
+/// Tests that may still be made.
+#[derive(Debug)]
+pub struct Budget {
+    all: u64,
+    spent: AtomicU64,
+}
+
+/// How large the budget of a suspect is, over all hosts that it is compared with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Allowed {
+    /// Tests whatever the sizes.
+    pub fixed: u64,
+    /// Tests per vertex and triangle of the suspect.
+    pub per_suspect: u64,
+    /// Tests per vertex and triangle of a host.
+    pub per_host: u64,
+}
+
+impl Default for Allowed {
+    /// A test takes 15 ns, so these are 0.45 s, and 6 and 15 us per element: the law of
+    /// `benches/effort.rs`. All searches together take 10 to 50 million tests on usual hosts.
+    fn default() -> Self {
+        Self { fixed: 30_000_000, per_suspect: 400, per_host: 1000 }
+    }
+}
+
+/// How many times more may be spent where seconds are asked for.
+const THOROUGHLY: u64 = 10;
+
+impl Allowed {
+    /// What is usual for an effort.
+    #[must_use]
+    pub fn of(effort: Effort) -> Self {
+        let Self { fixed, per_suspect, per_host } = Self::default();
+        let times = if effort >= Effort::Thorough { THOROUGHLY } else { 1 };
+        Self { fixed: times * fixed, per_suspect: times * per_suspect, per_host: times * per_host }
+    }
+
+    /// Budgets for a suspect of so many vertices and triangles together beside hosts of so many, in the
+    /// order in which they are looked at.
+    #[must_use]
+    pub fn shares(&self, suspect: u64, hosts: Vec<u64>) -> Shares {
+        let common = suspect.saturating_mul(self.per_suspect).saturating_add(self.fixed);
+        let own: Vec<u64> =
+            hosts.into_iter().map(|host| host.saturating_mul(self.per_host)).collect();
+        Shares { common, own, next: 0 }
+    }
+}
+
+/// The budgets of one suspect for host after host, the likeliest first: each has what its size is
+/// worth, and half of what goes by no host, with what those before it left of theirs.
+#[derive(Debug)]
+pub struct Shares {
+    common: u64,
+    own: Vec<u64>,
+    next: usize,
+}
+
+impl Shares {
+    /// The budget of the next host.
+    pub fn deal(&mut self) -> Budget {
+        let own = self.own.get(self.next).copied().unwrap_or(0);
+        let is_last = self.next + 1 >= self.own.len();
+        let part = if is_last { self.common } else { self.common / 2 };
+        self.next += 1;
+        self.common -= part;
+        Budget::new(part.saturating_add(own))
+    }
+
+    /// Takes back what the host did not spend.
+    pub fn took(&mut self, budget: &Budget) {
+        self.common = self.common.saturating_add(budget.left());
+    }
+}
+
+impl Budget {
+    /// So many tests.
+    #[must_use]
+    pub fn new(tests: u64) -> Self {
+        Self { all: tests, spent: AtomicU64::new(0) }
+    }
+
+    /// Counts tests that were made.
+    pub fn spend(&self, tests: u64) {
+        self.spent.fetch_add(tests, Ordering::Relaxed);
+    }
+
+    /// Tests that are left. Only to be asked while no search runs.
+    #[must_use]
+    pub fn left(&self) -> u64 {
+        self.all.saturating_sub(self.spent())
+    }
+
+    /// One of so many equal shares of what is left.
+    #[must_use]
+    pub fn share(&self, of: usize) -> u64 {
+        self.left() / (of.max(1) as u64)
+    }
+
+    /// Tests that were made.
+    #[must_use]
+    pub fn spent(&self) -> u64 {
+        self.spent.load(Ordering::Relaxed)
+    }
+}
+
+/// What a registration may spend: work, and time, where somebody waits.
+#[derive(Clone, Copy)]
+pub struct Within<'a> {
+    /// Work.
+    pub budget: &'a Budget,
+    /// Asked before each search. `true` finds nothing any more.
+    pub stop: Stop<'a>,
+}
+
+/// Whether to give up.
+pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_spent_is_no_longer_left() {
+        let budget = Budget::new(320);
+        budget.spend(20);
+        assert_eq!((budget.left(), budget.share(3), budget.share(0)), (300, 100, 300));
+        budget.spend(1000);
+        assert_eq!((budget.left(), budget.spent()), (0, 1020));
+    }
+
+    #[test]
+    fn hosts_have_what_their_size_is_worth_and_what_others_leave() {
+        let allowed = Allowed { fixed: 10, per_suspect: 2, per_host: 3 };
+        let mut shares = allowed.shares(10, vec![100, 1, 7]);
+        let first = shares.deal();
+        assert_eq!(first.left(), 15 + 300);
+        first.spend(10);
+        shares.took(&first);
+        // Fifteen of all, and 305 that the first left.
+        let second = shares.deal();
+        assert_eq!(second.left(), 160 + 3);
+        second.spend(1000);
+        shares.took(&second);
+        assert_eq!(shares.deal().left(), 160 + 21);
+        // In all never more than by the law, whatever the sizes.
+        let mut shares = allowed.shares(u64::MAX, vec![u64::MAX; 2]);
+        assert_eq!((shares.deal().left(), shares.deal().left()), (u64::MAX, u64::MAX));
+    }
+}
