@@ -118,8 +118,8 @@ mod tests {
 
     const KEY: GeometryKey = [7; 32];
 
-    async fn used(is: bool) -> Result<bool, BlobError> {
-        Ok(is)
+    fn used(is: bool) -> std::future::Ready<Result<bool, BlobError>> {
+        std::future::ready(Ok(is))
     }
 
     #[tokio::test]

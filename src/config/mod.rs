@@ -57,6 +57,7 @@ pub enum ConfigError {
 /// Every setting, decided and validated.
 #[derive(Debug, Clone)]
 #[allow(missing_docs)] // each is documented where it is read: in `Settings`
+#[allow(clippy::struct_excessive_bools, reason = "each is a switch of its own")]
 pub struct Config {
     pub listen: SocketAddr,
     pub data: PathBuf,

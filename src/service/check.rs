@@ -6,6 +6,7 @@
 //! cannot be told.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
 
 use futures::TryStreamExt as _;
 use serde::Serialize;
@@ -47,7 +48,7 @@ pub struct Checked {
 }
 
 impl Checked {
-    fn add(&mut self, kind: &'static str, what: impl ToString, detail: impl ToString) {
+    fn add(&mut self, kind: &'static str, what: &dyn Display, detail: &dyn Display) {
         let (what, detail) = (what.to_string(), detail.to_string());
         self.findings.push(Finding { kind, what, detail });
     }
@@ -67,7 +68,7 @@ pub async fn check(config: &Config) -> Result<Checked, StartError> {
     match looked {
         // A file that is no database any more is what the check is for.
         Err(StartError::Registry(error @ RegistryError::Database(_))) => {
-            checked.add("database", data.join("registry.sqlite").display(), error);
+            checked.add("database", &data.join("registry.sqlite").display(), &error);
         }
         looked => looked?,
     }
@@ -81,14 +82,14 @@ async fn look(
     checked: &mut Checked,
 ) -> Result<(), StartError> {
     for fault in registry.integrity().await? {
-        checked.add("database", "registry.sqlite", fault);
+        checked.add("database", &"registry.sqlite", &fault);
     }
     if let Some(blobs) = blobs {
         for orphan in sweep::orphans(blobs, registry).await? {
-            checked.add("blob_without_record", orphan, "no record owns it");
+            checked.add("blob_without_record", &orphan, &"no record owns it");
         }
         for path in blobs.staging() {
-            checked.add("unfinished", path.display(), "a write that did not end");
+            checked.add("unfinished", &path.display(), &"a write that did not end");
         }
     }
     check_identity(config, registry, checked).await?;
@@ -103,7 +104,7 @@ async fn look(
             checked.records += 1;
             match row {
                 Ok(record) => check_record(config, blobs, &record, &mut hosts, checked).await?,
-                Err(error) => checked.add("record_unreadable", "registry.sqlite", error),
+                Err(error) => checked.add("record_unreadable", &"registry.sqlite", &error),
             }
         }
     }
@@ -119,10 +120,10 @@ async fn check_identity(
         return Ok(());
     };
     if noted.id != found.id {
-        checked.add("registry_other", "registry.sqlite", "another one served here last");
+        checked.add("registry_other", &"registry.sqlite", &"another one served here last");
     } else if found.changes < noted.changes {
         let detail = format!("{} changes of {} that were noted", found.changes, noted.changes);
-        checked.add("registry_older", "registry.sqlite", detail);
+        checked.add("registry_older", &"registry.sqlite", &detail);
     }
     Ok(())
 }
@@ -139,14 +140,14 @@ async fn check_keys(
     let known: BTreeSet<String> = match ring {
         Ok(ring) => ring.ids().map(str::to_owned).collect(),
         Err(error) => {
-            checked.add("keys_unusable", config.master_key_file.display(), error);
+            checked.add("keys_unusable", &config.master_key_file.display(), &error);
             BTreeSet::new()
         }
     };
     for key in registry.survey().await?.keys {
         if !known.contains(&key.key_id) {
             let detail = format!("{} records need it, {} of them live", key.records, key.live);
-            checked.add("key_missing", key.key_id, detail);
+            checked.add("key_missing", &key.key_id, &detail);
         }
     }
     Ok(())
@@ -166,10 +167,10 @@ async fn check_record(
             None => None,
         };
         match hash {
-            None => checked.add("file_missing", name, "its record says that it is kept"),
-            Some(Err(error)) => checked.add("file_damaged", name, error),
+            None => checked.add("file_missing", &name, &"its record says that it is kept"),
+            Some(Err(error)) => checked.add("file_damaged", &name, &error),
             Some(Ok(hash)) if hash != record.marked_sha256 => {
-                checked.add("file_damaged", name, "its SHA-256 is not its record's");
+                checked.add("file_damaged", &name, &"its SHA-256 is not its record's");
             }
             Some(Ok(_)) => checked.files += 1,
         }
@@ -188,7 +189,7 @@ async fn check_record(
         (_, None) => (format!("host of {}", record.id), None),
     };
     let Some(packed) = packed else {
-        checked.add("host_missing", name, format!("{} says that it is kept", record.id));
+        checked.add("host_missing", &name, &format!("{} says that it is kept", record.id));
         return Ok(());
     };
     let limits = config.limits;
@@ -197,9 +198,9 @@ async fn check_record(
         mesh.map(|mesh| geometry::key(&mesh))
     });
     match key.await.map_err(|error| StartError::Load(error.to_string()))? {
-        Err(error) => checked.add("host_damaged", name, error),
+        Err(error) => checked.add("host_damaged", &name, &error),
         Ok(key) if record.host_geometry.is_some_and(|expected| expected != key) => {
-            checked.add("host_damaged", name, "its geometry is not what its name says");
+            checked.add("host_damaged", &name, &"its geometry is not what its name says");
         }
         Ok(_) => checked.hosts += 1,
     }

@@ -52,10 +52,7 @@ async fn refused(directory: &tempfile::TempDir, settings: Settings) -> StartErro
     let before = everything(&data);
     let own = Settings { data: Some(data.clone()), ..Settings::default() };
     let config = Config::decide(own.over(settings)).unwrap();
-    let error = match Service::open(config).await {
-        Ok(_) => panic!("it starts"),
-        Err(error) => error,
-    };
+    let Err(error) = Service::open(config).await else { panic!("it starts") };
     assert!(everything(&data) == before, "a refused start changed something: {error}");
     error
 }
@@ -154,9 +151,12 @@ async fn a_registry_that_is_gone_or_older_is_refused_and_nothing_is_lost() {
     // Accepted: what the older one does not know waits in quarantine.
     let accept = Settings { accept_registry: Some(true), ..settings() };
     let server = Server::on(directory, accept).await;
-    assert_eq!(names(&data, "blobs/files"), [first.clone()]);
+    assert_eq!(names(&data, "blobs/files"), std::slice::from_ref(&first));
     let batch = names(&data, "blobs/quarantine").pop().unwrap();
-    assert_eq!(names(&data, &format!("blobs/quarantine/{batch}/files")), [second.clone()]);
+    assert_eq!(
+        names(&data, &format!("blobs/quarantine/{batch}/files")),
+        std::slice::from_ref(&second)
+    );
     assert_eq!(names(&data, "blobs/hosts").len(), 1);
     assert_eq!(server.verify(file_form(&file)).await["verdict"], "no_match");
     let directory = server.stop().await;
@@ -298,7 +298,8 @@ async fn the_check_finds_each_fault_and_changes_nothing() {
         std::fs::write(path, bytes).unwrap();
     };
     let stranger = uuid::Uuid::now_v7().to_string();
-    let faults: [(&str, String, Box<dyn Fn()>); 7] = [
+    type Fault<'a> = (&'a str, String, Box<dyn Fn() + 'a>);
+    let faults: [Fault<'_>; 7] = [
         (
             "file_missing",
             format!("files/{first}"),
