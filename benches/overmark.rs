@@ -51,7 +51,11 @@ impl Row {
         self.both += usize::from(matches().count() > 1);
         self.bounds.push(theirs.map_or(0.0, |found| found.log10_fp));
         if let Some(found) = theirs {
-            let stage = if found.under.is_some() { "later record" } else { found.how.stage.name() };
+            let stage = if found.under.is_some() {
+                "later record"
+            } else {
+                found.how.as_ref().map_or("-", |how| how.stage.name())
+            };
             *self.stages.entry(stage).or_default() += 1;
         }
     }

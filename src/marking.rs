@@ -20,7 +20,8 @@ use crate::watermark::{
 };
 
 pub use inspect::{Inspection, inspect, inspect_asset, inspect_asset_until};
-pub use within::MaxDistortion;
+use within::{Fitted, Whose};
+pub use within::{MOST_STRENGTHS, MaxDistortion};
 
 /// Why a file was not marked.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -100,6 +101,9 @@ pub struct MarkReport {
     /// The strength used.
     #[serde(serialize_with = "number")]
     pub strength: Strength,
+    /// Strengths that this codeword was tried with and that distorted too much: what was chosen among
+    /// them is chosen by the codeword.
+    pub refused_strengths: u32,
     /// The method that chose the positions: where an `exact` one does not settle, the paper's.
     #[serde(serialize_with = "name")]
     pub method_used: Method,
@@ -136,11 +140,15 @@ pub fn mark_asset(
     host: &[u8],
     request: &MarkRequest<'_>,
 ) -> Result<Marked, MarkError> {
-    mark_by(asset, host, request, |attempt| attempt(request.params.strength))
+    mark_by(asset, host, request, |attempt| {
+        let made = attempt(Whose::Own, request.params.strength)?;
+        Ok(Fitted { made, refused_strengths: 0 })
+    })
 }
 
-/// Marks a file as strongly as it can without distorting it by more than `limit`, at most
-/// `strongest`; begins at the request's strength. [`MarkReport::strength`] is what was found:
+/// Marks a file about as strongly as it can without distorting it by more than `limit`, at most
+/// `strongest`; begins at the request's strength. The strength follows from the host, not from the
+/// codeword, as far as that can be (`within`). [`MarkReport::strength`] is what was found:
 /// [`mark`] with it makes the same bytes.
 ///
 /// # Errors
@@ -168,8 +176,8 @@ pub fn mark_asset_within(
 ) -> Result<Marked, MarkError> {
     let start = request.params.strength;
     mark_by(asset, host, request, |attempt| {
-        within::strongest_within(limit, start, strongest, |strength| {
-            attempt(strength).map(|made| (made.quality.mrms, made))
+        within::strongest_within(limit, start, strongest, |whose, strength| {
+            attempt(whose, strength).map(|made| (made.quality.mrms, made))
         })
     })
 }
@@ -189,45 +197,54 @@ struct Made {
 /// and finer steps cost.
 const STEP: f64 = 0.02;
 
+/// Makes an embedding of a codeword with a strength.
+type Attempt<'a> = dyn Fn(Whose, Strength) -> Result<Made, MarkError> + 'a;
+
 /// Marks a file by the embedding that `choose` settles for, given a way to make one.
 fn mark_by(
     asset: Asset,
     host: &[u8],
     request: &MarkRequest<'_>,
-    choose: impl FnOnce(&dyn Fn(Strength) -> Result<Made, MarkError>) -> Result<Made, MarkError>,
+    choose: impl FnOnce(&Attempt<'_>) -> Result<Fitted<Made>, MarkError>,
 ) -> Result<Marked, MarkError> {
     let MarkRequest { key, message, params, stop, .. } = *request;
     let cancelled = || if stop() { Err(WatermarkError::Cancelled) } else { Ok(()) };
     cancelled()?;
     let codeword = Codeword::new(key, message);
-    let (bytes, made, carriers) = {
+    let probe = Codeword::probe(params.bits);
+    let (bytes, fitted, carriers) = {
         let surface = Surface::new(asset.mesh());
-        let with_step = |strength, step| {
+        let with_step = |whose, strength, step| {
+            let codeword = match whose {
+                Whose::Own => &codeword,
+                Whose::Probe => &probe,
+            };
             let round = |positions: &mut [glam::DVec3]| asset.with_step(step).round(positions);
             let (mesh, surface, pinned) = (asset.mesh(), &surface, asset.pinned());
             let seen = Host { mesh, surface, pinned, round: &round };
-            let embedding = embed(seen, &codeword, &EmbedParams { strength, ..params }, stop)?;
+            let embedding = embed(seen, codeword, &EmbedParams { strength, ..params }, stop)?;
             let quality = quality_of(surface, &embedding.positions, stop)?;
             Ok(Made { embedding, quality, strength, step })
         };
         let width = bin_width(&surface, params.bits);
-        let made = choose(&|strength| {
+        let fitted = choose(&|whose, strength| {
             let step = STEP * strength.get() * width;
-            match with_step(strength, step) {
+            match with_step(whose, strength, step) {
                 // Nothing is refused for the sake of decimals.
                 Err(MarkError::Watermark(WatermarkError::InsufficientCapacity { .. }))
                     if asset.is_coarse(step) =>
                 {
-                    with_step(strength, 0.0)
+                    with_step(whose, strength, 0.0)
                 }
                 made => made,
             }
         })?;
+        let made = &fitted.made;
         let written = asset.with_step(made.step).write(host, &made.embedding.positions)?;
-        (written, made, surface.positions.len())
+        (written, fitted, surface.positions.len())
     };
     let Written { bytes, more_decimals } = bytes;
-    let Made { embedding, quality, strength, .. } = made;
+    let Fitted { made: Made { embedding, quality, strength, .. }, refused_strengths } = fitted;
     cancelled()?;
     let format = asset.format();
     if params.closed_loop {
@@ -248,6 +265,7 @@ fn mark_by(
         smallest_margin: embedding.smallest_margin,
         rounds: embedding.rounds,
         strength,
+        refused_strengths,
         method_used: embedding.method,
         quality,
         more_decimals,

@@ -83,9 +83,70 @@ const PURE: &[&str] = &[
     "lab/random",
 ];
 
+/// Functions whose last bits differ from platform to platform, as methods; `libm` has them all. (Sums,
+/// products, quotients and square roots are exact by IEEE 754, `powers` has the small powers.)
+const NOT_THE_SAME_EVERYWHERE: &[&str] = &[
+    "powi",
+    "powf",
+    "exp",
+    "exp2",
+    "exp_m1",
+    "ln",
+    "ln_1p",
+    "log",
+    "log2",
+    "log10",
+    "sin",
+    "cos",
+    "tan",
+    "sin_cos",
+    "asin",
+    "acos",
+    "atan",
+    "atan2",
+    "sinh",
+    "cosh",
+    "tanh",
+    "asinh",
+    "acosh",
+    "atanh",
+    "hypot",
+    "cbrt",
+    "mul_add",
+    "from_scaled_axis",
+    "to_scaled_axis",
+    "from_axis_angle",
+    "to_axis_angle",
+    "from_euler",
+    "to_euler",
+    "from_rotation_x",
+    "from_rotation_y",
+    "from_rotation_z",
+    "from_rotation_arc",
+    "angle_between",
+    "slerp",
+    "rotate_towards",
+    "exp2_f64",
+];
+/// Where a mark or a reading would differ with them.
+const THE_SAME_EVERYWHERE: &[&str] =
+    &["mesh", "watermark", "registration", "recognition", "formats", "marking", "sample"];
+
+/// Whether `code` calls a method or an associated function of this name.
+fn calls(code: &str, name: &str) -> bool {
+    let call = format!("{name}(");
+    code.match_indices(&call).any(|(at, _)| {
+        let before = &code[..at];
+        before.ends_with('.') || (before.ends_with("::") && !before.ends_with("libm::"))
+    }) || code.contains(&format!("f64::{name})"))
+}
+
 /// Code alone: without comments, texts and tests (which may use samples and libraries freely).
 fn code_of(source: &str) -> String {
-    let source = source.split("\n#[cfg(test)]\nmod ").next().unwrap_or_default();
+    // (`mod tests`, or one that other tests see.)
+    let begins = |at: &str| source.find(at).unwrap_or(source.len());
+    let tests = begins("\n#[cfg(test)]\nmod ").min(begins("\n#[cfg(test)]\npub"));
+    let source = &source[..tests];
     let mut code = String::with_capacity(source.len());
     let mut rest = source.chars().peekable();
     while let Some(letter) = rest.next() {
@@ -185,6 +246,13 @@ fn faults(path: &str, source: &str) -> Vec<String> {
             }
         }
     }
+    if THE_SAME_EVERYWHERE.contains(&module) {
+        for name in NOT_THE_SAME_EVERYWHERE {
+            if calls(&code, name) {
+                faults.push(format!("{path}: {name} is not the same on every platform, libm's is"));
+            }
+        }
+    }
     for word in ["unsafe", "todo!", "dbg!"] {
         if names(&code, word, " ") || names(&code, word, "(") {
             faults.push(format!("{path}: {word}"));
@@ -229,6 +297,11 @@ fn the_checker_sees_each_crossed_line() {
         ("watermark/embed.rs", "use rand_chacha::ChaCha20Rng;", "rand_chacha is for"),
         ("watermark/embed.rs", "let now = std::time::Instant::now();", "is pure"),
         ("formats/mod.rs", "std::fs::read(path)", "is pure"),
+        ("watermark/embed.rs", "let x = y.exp2();", "libm's is"),
+        ("registration/newton.rs", "DQuat::from_scaled_axis(v)", "libm's is"),
+        ("mesh/weld.rs", "let x = (a + b).powi(2);", "libm's is"),
+        ("marking/within.rs", "f64::powf(a, b)", "libm's is"),
+        ("sample/mod.rs", "angles.map(f64::sin)", "libm's is"),
         ("keys.rs", "unsafe { x() }", "unsafe"),
     ];
     for (path, source, expected) in crossed {
@@ -253,6 +326,8 @@ fn the_checker_does_not_cry_wolf() {
         ("service/text.rs", "let text = \"crate::http:: and sqlx:: and std::fs\";"),
         ("marking.rs", "use crate::{formats::{Asset, Limits}, mesh, watermark::{self, embed}};"),
         ("service/mod.rs", "let not_unsafe = 1; my_axum::f()"),
+        ("watermark/embed.rs", "let x = libm::exp2(y) + squared(z.sqrt()); tail.exponent()"),
+        ("service/verify/judge.rs", "counted.log10()"),
     ];
     for (path, source) in fine {
         assert_eq!(faults(path, source), Vec::<String>::new(), "{source}");

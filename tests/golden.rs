@@ -10,15 +10,22 @@
 //! ```
 //!
 //! and every later release must still read it.
-#![expect(clippy::unwrap_used, reason = "test helpers")]
+//!
+//! Where a case is about where vertices go, its value is a hash of positions, not of a file's text.
+#![allow(clippy::unwrap_used, reason = "test helpers")]
 
 use std::path::{Path, PathBuf};
 
+use std::sync::Arc;
+
 use quadmark::formats::{Asset, Format, Limits};
-use quadmark::marking::{MarkRequest, extract_file, mark};
+use quadmark::marking::{MarkRequest, Marked, MaxDistortion, extract_file, mark, mark_within};
+use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{
-    BitCount, EmbedParams, MarkKey, Message, Method, Modulation, Schedule, Strength,
+    BitCount, Codeword, CodewordIndex, Effort, EmbedParams, GroupKey, HostFilter, Hypothesis,
+    MarkKey, Message, Method, Modulation, Schedule, Sighting, Strength, Suspect, Worth,
+    synchronise,
 };
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -83,8 +90,7 @@ fn marked_bytes(host: &[u8], method: Method) -> Vec<u8> {
 }
 
 fn marked_files() -> Value {
-    // Six decimals hide what little the sine of one platform differs from that of another; the
-    // GLB is made from the text for the same reason.
+    // (Six decimals, and the GLB made from the text: what hosts usually are.)
     let obj = to_obj(&Sample::Blob.mesh(3_000).unwrap());
     let glb = to_glb(Asset::read(&obj, &Limits::default()).unwrap().mesh());
     let of = |host: &[u8], method| json!(sha256(&marked_bytes(host, method)));
@@ -96,16 +102,171 @@ fn marked_files() -> Value {
     files
 }
 
+/// Positions to the bit.
+fn positions(mesh: &Mesh) -> String {
+    let bytes = mesh.positions().iter().flat_map(|p| p.to_array()).flat_map(f64::to_le_bytes);
+    sha256(&bytes.collect::<Vec<u8>>())
+}
+
+fn read(file: &[u8]) -> Mesh {
+    Asset::read(file, &Limits::default()).unwrap().into_mesh()
+}
+
+fn message(bits: BitCount) -> Message {
+    Message::from_hex("c0ffee42", bits).unwrap()
+}
+
+fn params(method: Method, strength: f64, bits: u32) -> EmbedParams {
+    let (bits, strength) = (BitCount::new(bits).unwrap(), Strength::new(strength).unwrap());
+    EmbedParams { method, strength, bits, closed_loop: true }
+}
+
+/// A mark in single precision, as GLB stores it.
+fn marked(
+    mesh: &Mesh,
+    params: EmbedParams,
+    by: impl FnOnce(&[u8], &MarkRequest<'_>) -> Marked,
+) -> (Value, Mesh) {
+    let host = to_glb(&read(&to_obj(mesh)));
+    let request = MarkRequest {
+        key: &MarkKey::from_bytes(counting()),
+        message: &message(params.bits),
+        params,
+        limits: Limits::default(),
+        stop: &|| false,
+        independent_check_max_bytes: 0,
+    };
+    let marked = by(&host, &request);
+    let mesh = read(&marked.bytes);
+    let report = &marked.report;
+    let facts = json!({
+        "vertices": report.vertices,
+        "strength": report.strength.get(),
+        "refused_strengths": report.refused_strengths,
+        "method_used": report.method_used.name(),
+        "flipped": report.quality.flipped,
+        "rounds": report.rounds,
+        "positions_sha256": positions(&mesh),
+    });
+    (facts, mesh)
+}
+
+/// Each triangle cut beside its corners: all vertices have edges as short as that.
+fn with_short_edges(mesh: &Mesh) -> Mesh {
+    let mut positions = mesh.positions().to_vec();
+    let mut triangles = Vec::new();
+    for &[a, b, c] in mesh.triangles() {
+        let [p, q, r] = [[a, b], [b, c], [c, a]].map(|side| {
+            let [from, to] = side.map(|v| positions[v as usize]);
+            positions.push(from + 0.0002 * (to - from));
+            u32::try_from(positions.len() - 1).unwrap()
+        });
+        triangles.extend([[a, p, r], [p, b, q], [p, q, r], [q, c, r]]);
+    }
+    Mesh::new(positions, triangles).unwrap()
+}
+
+/// Where the arithmetic goes elsewhere than in a small mesh.
+fn cases() -> Value {
+    let plain = |host: &[u8], request: &MarkRequest<'_>| mark(host, request).unwrap();
+    let large = Sample::Blob.mesh(24_000).unwrap();
+    let (large, _) = marked(&large, params(Method::ExactMean, 0.1, 64), plain);
+    assert!(large["vertices"].as_u64().unwrap() > 20_000);
+    let small = Sample::Blob.mesh(3_000).unwrap();
+    let limit = MaxDistortion::new(6e-5).unwrap();
+    let (within, _) = marked(&small, params(Method::ExactMean, 0.1, 32), |host, request| {
+        mark_within(host, request, limit, Strength::MAX).unwrap()
+    });
+    // The exact method moves no vertex by more than half its shortest edge: the loop runs long.
+    let cut = with_short_edges(&Sample::Blob.mesh(2_000).unwrap());
+    let (short_edges, _) = marked(&cut, params(Method::ExactMean, 0.1, 32), plain);
+    assert!(short_edges["rounds"].as_u64().unwrap() > 10, "{short_edges}");
+    // Flanks so finely divided that triangles turn over where nothing stiffens them.
+    let dense = Sample::Gear.mesh(12_000).unwrap();
+    let (dense, _) = marked(&dense, params(Method::ExactVar, 0.2, 64), plain);
+    json!({ "large": large, "max_distortion": within, "short_edges": short_edges, "dense": dense })
+}
+
+/// Numbers to the bit.
+fn numbers(all: &[f64]) -> Value {
+    let bytes: Vec<u8> = all.iter().flat_map(|x| x.to_le_bytes()).collect();
+    json!({ "first": all.iter().take(4).collect::<Vec<_>>(), "sha256": sha256(&bytes) })
+}
+
+/// What is read of a mark, and how it is judged: blindly, after the lattice search and by the matched
+/// filter, among fifty others' marks.
+fn verdict() -> Value {
+    let params = params(Method::ExactMean, 0.1, 64);
+    let host = Sample::Blob.mesh(6_000).unwrap();
+    let host = read(&to_glb(&read(&to_obj(&host))));
+    let (_, mesh) = marked(&host, params, |host, request| mark(host, request).unwrap());
+    let modulation = params.method.modulation();
+    let own = Codeword::new(&MarkKey::from_bytes(counting()), &message(params.bits));
+    let mut index = CodewordIndex::default();
+    index.insert(0, modulation, &own);
+    for other in 1..=50_u8 {
+        let codeword = Codeword::new(&MarkKey::from_bytes([other; 32]), &message(params.bits));
+        index.insert(u128::from(other), modulation, &codeword);
+    }
+    let suspect = Suspect::new(&mesh).unwrap();
+    let soft = suspect.read(own.lattice_class(), params.bits, modulation);
+    let effort = Effort { radius: 0.002, candidates: 3, centres: 2, lattices: 3 };
+    let lattices = synchronise(&suspect, params.bits, modulation, &effort);
+    let worth = Worth { log10_bound: -3.0, most: 3 };
+    let judged = |readings: &(dyn Fn(GroupKey) -> Vec<Hypothesis> + Sync)| {
+        let search = index.search(readings, worth);
+        let found = search.candidates.iter().map(|c| {
+            json!({
+                "id": u64::try_from(c.id).unwrap(),
+                "score": c.score.t,
+                "agreeing": c.score.bits_agreeing,
+                "log10_bound": c.log10_bound,
+                "centre": c.hypothesis.frame.centre.to_array(),
+            })
+        });
+        json!({ "hypotheses": search.hypotheses, "found": found.collect::<Vec<_>>() })
+    };
+    let blind = judged(&|key| {
+        let soft = Arc::new(suspect.read(key.class, key.bits, key.modulation));
+        vec![Hypothesis { frame: suspect.frame(), soft }]
+    });
+    let searched = judged(&|key| lattices.of_class(key.class));
+    let filter = HostFilter::new(&host, own.lattice_class(), &params).unwrap();
+    let carriers = (0..).zip(&filter.surface().first_vertex);
+    let sightings: Vec<Sighting> = carriers
+        .map(|(carrier, &v)| Sighting { carrier, at: mesh.positions()[v as usize] })
+        .collect();
+    let (filtered, rounds) = filter.read(&sightings);
+    let score = filtered.score(&own);
+    let filtered_bound = filtered.log10_bound(score.t);
+    assert_eq!(blind["found"][0]["id"], 0);
+    assert!(filtered_bound < -15.0 && rounds == 0);
+    json!({
+        "soft_bits": numbers(soft.signed_weights()),
+        "blind": blind,
+        "searched": searched,
+        "matched_filter": { "soft_bits": numbers(filtered.signed_weights()), "log10_bound": filtered_bound },
+    })
+}
+
 #[test]
 fn keys_and_marked_files_are_as_they_were() {
     let path = folder().join("vectors.json");
-    let now = json!({ "scheme_version": 1, "schedules": schedules(), "marked": marked_files() });
+    let now = json!({
+        "scheme_version": 1,
+        "schedules": schedules(),
+        "marked": marked_files(),
+        "cases": cases(),
+        "verdict": verdict(),
+    });
     if std::env::var_os("QUADMARK_UPDATE_GOLDEN").is_some_and(|value| value == "1") {
         std::fs::write(&path, serde_json::to_string_pretty(&now).unwrap() + "\n").unwrap();
     }
     let then: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     assert_eq!(now["schedules"], then["schedules"], "what a key means has changed");
     assert_eq!(now["marked"], then["marked"], "what an embedding writes has changed");
+    assert_eq!(now["cases"], then["cases"], "where an embedding puts vertices has changed");
+    assert_eq!(now["verdict"], then["verdict"], "what is read of a mark has changed");
 }
 
 #[test]

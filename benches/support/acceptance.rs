@@ -57,7 +57,7 @@ impl Row {
         let theirs = verification.matches.iter().find(|m| Some(m.watermark_id) == *expected);
         self.log10_fp.extend(theirs.map(|found| found.log10_fp));
         if verification.verdict == Verdict::Match {
-            let stage = verification.matches[0].how.stage.name();
+            let stage = verification.matches[0].how.as_ref().map_or("-", |how| how.stage.name());
             *self.stages.entry(stage).or_default() += 1;
         }
         let bits = |d: &Detection| d.right as f64 / (d.right + d.wrong + d.erased) as f64;

@@ -82,7 +82,7 @@ fn print(verification: &Verification) {
             found.log10_fp,
             found.bits_agreeing,
             found.bits_read,
-            found.how.stage.name()
+            found.how.as_ref().map_or("-", |how| how.stage.name())
         );
     }
 }

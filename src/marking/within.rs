@@ -1,20 +1,38 @@
 //! The strongest mark within a limit of distortion.
 //!
+//! A strength that follows from what *this* codeword does to the host says something about the
+//! codeword, and detection weighs with the strength (the matched filter, the likeness of lattices): a
+//! bound that takes codewords for independent of all weights would be too good. So the strength is
+//! fitted to the host alone, with a codeword that is nobody's ([`Codeword::probe`]), as closely as one
+//! likes. The own codeword is then tried with it, and where it distorts too much, with weaker ones:
+//! fixed shares of the fitted strength, one after the other. Each that is refused is one more try of a
+//! series, like a codeword that was refused, and its number is charged to the record's bound
+//! (`service::verify::charge`): given its number, a strength follows from the host alone.
+//!
 //! Distortion grows with strength, nearly in proportion: a few embeddings find the strength, each
 //! placed by the ones before. Deterministic, and strengths are whole multiples of 0.0001, so that
 //! a record can name the one that was found. Must not know how a mark is made or measured.
+//!
+//! [`Codeword::probe`]: crate::watermark::Codeword::probe
 
 use super::MarkError;
 use crate::watermark::{Strength, WatermarkError};
 
+/// Strengths that the own codeword is tried with, at most. The last is 0.57 of the first.
+pub const MOST_STRENGTHS: u32 = 9;
+
+/// Each is this share of the one before.
+const WEAKER: f64 = 0.93;
+
 /// Embeddings at most.
 const MOST_TRIES: usize = 6;
 
-/// The search ends when the mark uses this share of what it may distort.
-const CLOSE: f64 = 0.95;
+/// The search ends when the probe uses this share of what a mark may distort.
+const CLOSE: f64 = 0.93;
 
-/// The share that is aimed at.
-const AIM: f64 = 0.98;
+/// The share that is aimed at. What others do to the same host differs from the probe by some percent,
+/// mostly downward: a try that is refused costs as much as several percent of strength.
+const AIM: f64 = 0.96;
 
 /// The weakest strength there is.
 const LEAST: f64 = 0.01;
@@ -57,8 +75,25 @@ impl std::str::FromStr for MaxDistortion {
 /// The strength of an embedding and the distortion it gave, where it gave one.
 type Tried = (f64, Option<f64>);
 
-/// The strongest of the tried embeddings that stays within `limit`, at most `strongest`, beginning
-/// at `start`. `attempt` answers with an embedding's MRMS and the embedding.
+/// Whose codeword is embedded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Whose {
+    /// Nobody's.
+    Probe,
+    /// The record's own.
+    Own,
+}
+
+/// What was settled for, and how many strengths of the own codeword were refused before.
+#[derive(Debug, PartialEq)]
+pub(super) struct Fitted<T> {
+    pub(super) made: T,
+    pub(super) refused_strengths: u32,
+}
+
+/// An embedding of the own codeword that stays within `limit`, about as strong as the host allows, at
+/// most `strongest`, beginning at `start`. `attempt` answers with an embedding's MRMS and the
+/// embedding.
 ///
 /// # Errors
 /// [`MarkError::DistortionUnreachable`] when none does; what `attempt` says.
@@ -66,10 +101,49 @@ pub(super) fn strongest_within<T>(
     limit: MaxDistortion,
     start: Strength,
     strongest: Strength,
-    mut attempt: impl FnMut(Strength) -> Result<(f64, T), MarkError>,
-) -> Result<T, MarkError> {
+    mut attempt: impl FnMut(Whose, Strength) -> Result<(f64, T), MarkError>,
+) -> Result<Fitted<T>, MarkError> {
+    let probe = |strength| attempt(Whose::Probe, strength).map(|(mrms, _)| mrms);
+    let mut wanted = fitted(limit, start, strongest, probe)?;
+    let (mut refusal, mut least) = (None, f64::INFINITY);
+    for refused_strengths in 0..MOST_STRENGTHS {
+        let alpha = if refused_strengths == 0 { wanted } else { in_steps(wanted) };
+        match attempt(Whose::Own, Strength::new(alpha)?) {
+            Ok((mrms, made)) if mrms <= limit.get() => {
+                return Ok(Fitted { made, refused_strengths });
+            }
+            Ok((mrms, _)) => least = least.min(mrms),
+            Err(error @ MarkError::Watermark(WatermarkError::InsufficientCapacity { .. })) => {
+                refusal.get_or_insert(error);
+            }
+            Err(error) => return Err(error),
+        }
+        if alpha <= LEAST {
+            break;
+        }
+        wanted *= WEAKER;
+    }
+    match refusal {
+        Some(error) if least.is_infinite() => Err(error),
+        _ => Err(MarkError::DistortionUnreachable { limit: limit.get(), least }),
+    }
+}
+
+/// Down to a whole multiple of 0.0001, at least the weakest there is. (Also what is no number.)
+fn in_steps(alpha: f64) -> f64 {
+    ((alpha * 1e4).floor() / 1e4).max(LEAST)
+}
+
+/// The strength with which the probe stays within `limit`, nearly the strongest. `attempt` answers
+/// with its MRMS.
+fn fitted(
+    limit: MaxDistortion,
+    start: Strength,
+    strongest: Strength,
+    mut attempt: impl FnMut(Strength) -> Result<f64, MarkError>,
+) -> Result<f64, MarkError> {
     let limit = limit.get();
-    let mut found: Option<(Tried, T)> = None;
+    let mut found: Option<Tried> = None;
     let mut too_strong: Option<Tried> = None;
     let mut refusal = None;
     let mut least = f64::INFINITY;
@@ -79,13 +153,13 @@ pub(super) fn strongest_within<T>(
             alpha = LEAST;
         }
         match attempt(Strength::new(alpha)?) {
-            Ok((mrms, made)) if mrms <= limit => {
-                found = Some(((alpha, Some(mrms)), made));
+            Ok(mrms) if mrms <= limit => {
+                found = Some((alpha, Some(mrms)));
                 if mrms >= CLOSE * limit {
                     break;
                 }
             }
-            Ok((mrms, _)) => {
+            Ok(mrms) => {
                 too_strong = Some((alpha, Some(mrms)));
                 least = least.min(mrms);
             }
@@ -96,13 +170,13 @@ pub(super) fn strongest_within<T>(
             }
             Err(error) => return Err(error),
         }
-        match next(found.as_ref().map(|found| found.0), too_strong, limit, strongest.get()) {
+        match next(found, too_strong, limit, strongest.get()) {
             Some(next) => alpha = next,
             None => break,
         }
     }
     match (found, refusal) {
-        (Some((_, made)), _) => Ok(made),
+        (Some((alpha, _)), _) => Ok(alpha),
         (None, Some(error)) if least.is_infinite() => Err(error),
         (None, _) => Err(MarkError::DistortionUnreachable { limit, least }),
     }
@@ -123,14 +197,15 @@ fn next(
         (Some((low, at_low)), Some((high, at_high))) => {
             let share = match (at_low, at_high) {
                 // A chord over the logarithms.
-                (Some(at_low), Some(at_high)) => (aim / at_low).ln() / (at_high / at_low).ln(),
+                (Some(at_low), Some(at_high)) => {
+                    libm::log(aim / at_low) / libm::log(at_high / at_low)
+                }
                 _ => 0.5,
             };
-            low * (high / low).powf(share.clamp(0.1, 0.9))
+            low * libm::pow(high / low, share.clamp(0.1, 0.9))
         }
     };
-    // (Whatever is no number ends as the weakest.)
-    let rounded = ((wanted * 1e4).floor() / 1e4).max(LEAST);
+    let rounded = in_steps(wanted);
     let alpha = if rounded >= strongest { strongest } else { rounded };
     let new = found.is_none_or(|(low, _)| alpha > low * SAME)
         && too_strong.is_none_or(|(high, _)| alpha < high);
@@ -150,7 +225,7 @@ mod tests {
         let strength = |alpha| Strength::new(alpha).unwrap();
         let start = strength(0.1);
         let limit = MaxDistortion::new(limit).unwrap();
-        let found = strongest_within(limit, start, strength(strongest), |strength| {
+        let found = fitted(limit, start, strength(strongest), |strength| {
             tries += 1;
             let alpha = strength.get();
             let full = WatermarkError::InsufficientCapacity {
@@ -162,7 +237,7 @@ mod tests {
                 least_count: 6,
                 reason: "test",
             };
-            mrms(alpha).map(|mrms| (mrms, alpha)).ok_or(full.into())
+            mrms(alpha).ok_or(full.into())
         });
         (found, tries)
     }
@@ -208,6 +283,32 @@ mod tests {
         assert!(found.is_err_and(full));
         let weak_only = search(1e-3, 0.25, |alpha| (alpha < 0.06).then_some(alpha * 1e-3));
         assert!(weak_only.0.unwrap() >= 0.05);
+    }
+
+    /// What one codeword does must not show in the strength, but by the number of tries.
+    #[test]
+    fn the_strength_follows_from_the_host_and_the_number_of_tries() {
+        let strength = |alpha| Strength::new(alpha).unwrap();
+        let limit = MaxDistortion::new(1e-4).unwrap();
+        let mut by_tries = std::collections::BTreeMap::new();
+        for own in [0.7, 0.8, 0.9, 0.97, 1.0, 1.02, 1.06, 1.1, 1.15, 1.2, 1.3, 1.4, 1.5] {
+            let found = strongest_within(limit, strength(0.1), Strength::MAX, |whose, strength| {
+                let alpha = strength.get();
+                let of = if whose == Whose::Own { own } else { 1.0 };
+                Ok((of * alpha * 1e-3, alpha))
+            });
+            let Fitted { made: alpha, refused_strengths } = found.unwrap();
+            assert!(own * alpha * 1e-3 <= limit.get(), "{own}: the limit is passed");
+            let known = *by_tries.entry(refused_strengths).or_insert(alpha);
+            assert!((known - alpha).abs() < 1e-12, "{own}: {known} {alpha}");
+            assert!((refused_strengths == 0) == (own <= 1.0), "{own}: {refused_strengths}");
+        }
+        assert!(by_tries.len() > 3);
+        let found = strongest_within(limit, strength(0.1), Strength::MAX, |whose, strength| {
+            let of = if whose == Whose::Own { 9.0 } else { 1.0 };
+            Ok((of * strength.get() * 1e-3, ()))
+        });
+        assert!(matches!(found, Err(MarkError::DistortionUnreachable { .. })), "{found:?}");
     }
 
     #[test]

@@ -21,6 +21,7 @@ use super::distortion::SAMPLES_PER_KIND;
 use super::sampling::PLASTIC;
 use super::surface::{Surface, doubled_area};
 use super::turning::turning;
+use crate::mesh::powers::squared;
 
 /// Samples on edges and in triangles, each. They stand for [`SAMPLES_PER_KIND`], at whose number
 /// they are weighted.
@@ -96,7 +97,7 @@ fn measured(
     let around = Adjacency::new(host.len(), &surface.triangles);
     let (triangles, around) = (surface.triangles.as_slice(), &around);
     let diagonal = surface.diagonal();
-    let far = (FAR * diagonal).powi(2);
+    let far = squared(FAR * diagonal);
     let there =
         Side { triangles, around, from: moved, to: host, far, stop }.measure(samples, weight);
     let back =
@@ -419,7 +420,7 @@ fn off_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [bool; 3]) {
         return ((bp - along).length_squared(), [false, true, true]);
     }
     let normal = ab.cross(ac);
-    (ap.dot(normal).powi(2) / normal.length_squared(), [true, true, true])
+    (squared(ap.dot(normal)) / normal.length_squared(), [true, true, true])
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::Mesh;
 use super::sum::ordered_sum;
 use super::weld::weld;
+use crate::mesh::powers::squared;
 
 /// Marks a file vertex that is no carrier.
 pub const NO_CARRIER: u32 = u32::MAX;
@@ -42,7 +43,7 @@ fn has_area(a: DVec3, b: DVec3, c: DVec3) -> bool {
         (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
     let doubled = doubled_area(a, b, c).length_squared();
     // A negated `<=` would call NaN an area: coordinates near the largest double overflow here.
-    doubled > (DEGENERATE * longest).powi(2)
+    doubled > squared(DEGENERATE * longest)
 }
 
 /// The triangles with an area, their corners as points.

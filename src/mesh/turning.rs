@@ -28,7 +28,7 @@ pub fn turning(surface: &Surface, moved: &[DVec3]) -> Turning {
             let after = doubled_area(a, b, c);
             let along = before.dot(after);
             // Not the arc cosine, which has no digits left for small angles.
-            let angle = before.cross(after).length().atan2(along);
+            let angle = libm::atan2(before.cross(after).length(), along);
             let weight = before.length();
             (turned + weight * angle, area + weight, flipped + usize::from(along < 0.0))
         },

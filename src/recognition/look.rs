@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 
 use super::home::{Home, Visitor};
+use crate::mesh::powers::squared;
 use crate::registration::similarity::{Pair, fit};
 use crate::registration::{
     Alignment, Effort, Similarity, Within, by_surface, by_twins, in_place, suffices,
@@ -175,7 +176,7 @@ fn same_order(home: &Home, mut pairs: Vec<Pair>) -> Option<Look> {
         }
         for p in &mut pairs {
             let off = similarity.apply(p.from).distance(p.to);
-            p.weight = 1.0 / (1.0 + (off / (2.0 * median)).powi(2));
+            p.weight = 1.0 / (1.0 + squared(off / (2.0 * median)));
         }
         similarity = fit(&pairs, false)?;
     }

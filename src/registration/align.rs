@@ -20,6 +20,7 @@ use super::newton::Equations;
 use super::scatter::Point;
 use super::shape::Shape;
 use super::similarity::Similarity;
+use crate::mesh::powers::squared;
 use crate::mesh::surface::doubled_area;
 
 /// Points whose normals differ by more than 60 degrees do not lie on the same surface.
@@ -172,7 +173,7 @@ pub trait Ground: Sync {
         within: Within<'_>,
     ) -> Similarity {
         let mut now = *start;
-        let shrink = (reaches.end / reaches.start).powf(1.0 / f64::from(rounds.max(2) - 1));
+        let shrink = libm::pow(reaches.end / reaches.start, 1.0 / f64::from(rounds.max(2) - 1));
         let mut reach = reaches.start;
         for _ in 0..rounds {
             let touches = self.touches(&now, points, reach, within);
@@ -182,7 +183,7 @@ pub trait Ground: Sync {
             let equations = touches.iter().fold(Equations::default(), |mut equations, t| {
                 let share = (t.placed - t.closest).dot(t.normal).abs() / cut;
                 if share < 1.0 {
-                    let weight = (1.0 - share * share).powi(2);
+                    let weight = squared(1.0 - share * share);
                     equations.add(t.closest, t.placed, t.normal, weight);
                 }
                 equations

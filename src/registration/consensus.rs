@@ -3,6 +3,7 @@
 
 use super::codes::mix;
 use super::similarity::{Pair, Similarity, fit};
+use crate::mesh::powers::{cubed, squared};
 
 /// Triples tried at most. With one right pair in six, 2,000 triples hold one of three right pairs
 /// with a probability of 0.9999.
@@ -84,14 +85,14 @@ fn plausible(similarity: &Similarity) -> bool {
 }
 
 fn inliers<'a>(pairs: &'a [Pair], s: &'a Similarity) -> impl Iterator<Item = &'a Pair> {
-    let tolerance = (TOLERANCE * s.scale.abs().min(1.0)).powi(2);
+    let tolerance = squared(TOLERANCE * s.scale.abs().min(1.0));
     pairs.iter().filter(move |p| s.apply(p.from).distance_squared(p.to) < tolerance)
 }
 
 /// Triples after which one of three right pairs was met with a probability of 1 - 10^-6.
 fn triples_for(right: f64) -> u32 {
-    let missed = (1.0 - right.powi(3)).clamp(1e-9, 1.0 - 1e-9).ln();
-    let triples = (1e-6_f64.ln() / missed).ceil().clamp(1.0, f64::from(TRIPLES));
+    let missed = libm::log((1.0 - cubed(right)).clamp(1e-9, 1.0 - 1e-9));
+    let triples = (libm::log(1e-6) / missed).ceil().clamp(1.0, f64::from(TRIPLES));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to TRIPLES")]
     let triples = triples as u32;
     triples
@@ -131,7 +132,7 @@ pub fn refine(pairs: &[Pair], start: Similarity) -> Option<Consensus> {
         let cut = (CUT * median).max(FLOOR);
         for (w, p) in weighted.iter_mut().zip(pairs) {
             let share = similarity.apply(p.from).distance(p.to) / cut;
-            w.weight = if share < 1.0 { p.weight * (1.0 - share * share).powi(2) } else { 0.0 };
+            w.weight = if share < 1.0 { p.weight * squared(1.0 - share * share) } else { 0.0 };
         }
         let Some(next) = fit(&weighted, mirrored).filter(plausible) else { break };
         similarity = next;

@@ -153,7 +153,7 @@ impl GeometryIndex {
                 slots.inspect(|_| read += 1).filter(|&s| !self.dead[s as usize]).map(|s| (s, 0.0)),
             );
             let sharing = (found.len() - begin) as f64;
-            let weight = (1.0 + self.live as f64 / sharing).ln();
+            let weight = libm::log(1.0 + self.live as f64 / sharing);
             found[begin..].iter_mut().for_each(|(_, w)| *w = weight);
         }
         // Stable, so that weights are added in the order of the hashes.

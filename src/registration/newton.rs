@@ -64,12 +64,22 @@ impl Equations {
             return None;
         }
         let step = Similarity {
-            scale: stretch.exp(),
-            rotation: DQuat::from_scaled_axis(DVec3::new(x, y, z)),
+            scale: libm::exp(stretch),
+            rotation: turn_by(DVec3::new(x, y, z)),
             translation: DVec3::new(i, j, k),
         };
         Some(now.then(&step.inverse())).filter(Similarity::is_valid)
     }
+}
+
+/// The turn about an axis by as many radians as it is long.
+fn turn_by(axis: DVec3) -> DQuat {
+    let angle = axis.length();
+    if angle <= 0.0 {
+        return DQuat::IDENTITY;
+    }
+    let [x, y, z] = (axis * (libm::sin(0.5 * angle) / angle)).to_array();
+    DQuat::from_xyzw(x, y, z, libm::cos(0.5 * angle))
 }
 
 #[cfg(test)]

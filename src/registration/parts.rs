@@ -12,6 +12,7 @@ use super::budget::Stop;
 use super::scatter::Point;
 use super::similarity::Similarity;
 use super::spin::{Spin, spins};
+use crate::mesh::powers::squared;
 
 /// Places of the host and of the suspect that are compared.
 const HOST_KEYS: usize = 1000;
@@ -72,7 +73,7 @@ pub fn by_parts(host: &[Point], suspect: &[Point], stop: Stop) -> Vec<Similarity
             if stop() {
                 return Vec::new();
             }
-            let radius = LEAST_RADIUS * LADDER.powi(k);
+            let radius = LEAST_RADIUS * (0..k).fold(1.0, |power, _| power * LADDER);
             let hosts = spins(&host_keys, host, radius, stop);
             let pairs =
                 suspects.iter().map(|(r, spins)| best(spins, &hosts, radius / r, radius, stop));
@@ -97,7 +98,7 @@ fn alike(suspect: &[Spin], host: &[Spin]) -> Vec<Alike> {
 /// The hypotheses that most places agree with.
 fn best(suspect: &[Spin], host: &[Spin], scale: f64, radius: f64, stop: Stop) -> Vec<Similarity> {
     let alike = alike(suspect, host);
-    let tolerance = (0.2 * radius).max(0.03).powi(2);
+    let tolerance = squared((0.2 * radius).max(0.03));
     let agreeing = |s: &Similarity| {
         let agrees = |a: &&Alike| {
             s.apply(a.from[0]).distance_squared(a.to[0]) < tolerance

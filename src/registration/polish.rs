@@ -10,6 +10,7 @@ use glam::DVec3;
 
 use super::newton::Equations;
 use super::similarity::Similarity;
+use crate::mesh::powers::squared;
 use crate::mesh::sum::ordered_sum;
 
 /// A pair of vertices, in the host's coordinates but for `from`.
@@ -63,7 +64,7 @@ pub fn polish(contacts: &[Contact], start: Similarity) -> Similarity {
     let mut now = start;
     for _ in 0..ROUNDS {
         let Some([off, along]) = spread(contacts, &now) else { return now };
-        let [off, along] = [off, along].map(|s| s.powi(-2));
+        let [off, along] = [off, along].map(|s| 1.0 / squared(s));
         let equations = ordered_sum(
             contacts,
             Equations::default(),
@@ -74,7 +75,7 @@ pub fn polish(contacts: &[Contact], start: Similarity) -> Similarity {
                 let slid = gap.length_squared() - height * height;
                 let share = (off * height * height + along * slid) / (CUT * CUT);
                 if share < 1.0 {
-                    let weight = (1.0 - share).powi(2);
+                    let weight = squared(1.0 - share);
                     let (u, v) = c.normal.any_orthonormal_pair();
                     equations.add(c.to, placed, c.normal, weight * off);
                     equations.add(c.to, placed, u, weight * along);

@@ -149,7 +149,7 @@ pub(super) mod tests {
     fn points(count: u32) -> impl Iterator<Item = DVec3> {
         (0..count).map(|i| {
             let t = f64::from(i);
-            DVec3::new((t * 1.7).sin(), (t * 0.6).cos() * 2.0, (t * 2.9).sin() * 0.5)
+            DVec3::new(libm::sin(t * 1.7), libm::cos(t * 0.6) * 2.0, libm::sin(t * 2.9) * 0.5)
         })
     }
 

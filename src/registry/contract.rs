@@ -9,7 +9,7 @@ use uuid::Uuid;
 use super::sqlite_rows::sample_record;
 use super::{
     Counts, Cursor, Filter, IdempotencyEntry, Order, Record, Registry, RegistryError,
-    StoredVerification,
+    StoredVerification, Tally,
 };
 
 fn owned_by(owner_id: &str) -> Record {
@@ -223,4 +223,43 @@ pub(super) async fn sketches_are_kept_once_per_host(registry: &dyn Registry) {
     assert!(registry.uses_host(&[8; 32]).await.unwrap(), "revoked records count");
     assert!(!registry.uses_host(&[9; 32]).await.unwrap());
     assert!(!registry.uses_host(&without.host_geometry.unwrap()).await.unwrap(), "not kept");
+}
+
+pub(super) async fn tries_and_questions_are_counted(registry: Arc<dyn Registry>) {
+    let (first, second, other) = (owned_by("acme"), owned_by("acme"), owned_by("other"));
+    let host = first.host_sha256;
+    registry.refused(&host, "acme", 2).await.unwrap();
+    registry.refused(&host, "acme", 1).await.unwrap();
+    registry.refused(&[9; 32], "acme", 5).await.unwrap();
+    for record in [&first, &second, &other] {
+        registry.register(record, None).await.unwrap();
+    }
+    // The first record takes them over; the second was not chosen.
+    let tally = |id| {
+        let registry = registry.clone();
+        async move { registry.tally(id).await.unwrap() }
+    };
+    let expected = Tally { refused_before: 3, siblings: 1, ..Tally::default() };
+    assert_eq!(tally(first.id).await, expected);
+    assert_eq!(tally(second.id).await, Tally { siblings: 1, ..Tally::default() });
+    assert_eq!(tally(other.id).await, Tally::default());
+    assert_eq!(tally(Uuid::now_v7()).await, Tally::default());
+    registry.revoke(second.id, Timestamp::now()).await.unwrap();
+    assert_eq!(tally(first.id).await, Tally { revoked_siblings: 1, ..expected });
+    // Many questions at once: each is one, none is lost.
+    let mut asking = tokio::task::JoinSet::new();
+    for _ in 0..40 {
+        let (registry, ids) = (registry.clone(), [first.id, other.id]);
+        asking.spawn(async move { registry.ask(&ids).await.unwrap() });
+    }
+    let mut of_first = Vec::new();
+    while let Some(answer) = asking.join_next().await {
+        let answer = answer.unwrap();
+        assert_eq!(answer.len(), 2);
+        of_first.extend(answer.iter().filter(|(id, _)| *id == first.id).map(|(_, asked)| *asked));
+    }
+    of_first.sort_unstable();
+    assert!(of_first.into_iter().eq(1..=40));
+    assert_eq!(tally(first.id).await.asked, 40);
+    assert_eq!(tally(second.id).await.asked, 0);
 }

@@ -8,6 +8,7 @@
 mod contract;
 mod record;
 mod sqlite;
+mod sqlite_counts;
 mod sqlite_pages;
 mod sqlite_rows;
 mod upkeep;
@@ -17,7 +18,7 @@ use uuid::Uuid;
 
 pub use record::{
     Counts, Cursor, ExistingMark, Filter, HostSketch, IdempotencyEntry, MarkSource, Order, Page,
-    Quality, Record, StoredVerification,
+    Quality, Record, StoredVerification, Tally,
 };
 pub use sqlite::{Lock, Sqlite};
 #[cfg(test)]
@@ -141,6 +142,9 @@ pub trait Registry: Send + Sync {
     /// rows after `after` up to and with `last`.
     async fn hosts(&self, after: i64, last: i64) -> Result<Vec<(Uuid, [u8; 32])>, RegistryError>;
 
+    /// Which hosts descend from which, by their hashes: hosts that carried marks, and the hosts of those.
+    async fn host_parents(&self) -> Result<Vec<([u8; 32], [u8; 32])>, RegistryError>;
+
     /// Marks a record as revoked, if it is not already; the record as it then is.
     async fn revoke(&self, id: Uuid, at: jiff::Timestamp) -> Result<Option<Record>, RegistryError>;
 
@@ -153,6 +157,21 @@ pub trait Registry: Send + Sync {
         owner_id: &str,
         key: &str,
     ) -> Result<Option<IdempotencyEntry>, RegistryError>;
+
+    /// Counts tries for a host and an owner that were refused. The next record of theirs takes them
+    /// over when it is registered ([`Tally::refused_before`]).
+    async fn refused(
+        &self,
+        host_sha256: &[u8; 32],
+        owner_id: &str,
+        tries: u32,
+    ) -> Result<(), RegistryError>;
+
+    /// What a record's bound is charged for; nothing for one that is not there.
+    async fn tally(&self, id: Uuid) -> Result<Tally, RegistryError>;
+
+    /// Counts one more question about each of these records, durably; which one it was of each.
+    async fn ask(&self, ids: &[Uuid]) -> Result<Vec<(Uuid, u64)>, RegistryError>;
 
     /// Keeps a verdict.
     async fn keep_verification(

@@ -154,6 +154,19 @@ pub struct ExistingMark {
     pub log10_fp: f64,
 }
 
+/// What is counted beside a record.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Tries for its host and owner that were refused since their record before it.
+    pub refused_before: u64,
+    /// Other records of its host and owner, revoked or not.
+    pub siblings: u64,
+    /// Those of them that are revoked.
+    pub revoked_siblings: u64,
+    /// Questions that were asked about it.
+    pub asked: u64,
+}
+
 /// Which records a page shows.
 #[derive(Debug, Clone, Default)]
 pub struct Filter {

@@ -19,8 +19,9 @@ use uuid::Uuid;
 
 use super::record::{
     Counts, Cursor, Filter, HostSketch, IdempotencyEntry, MarkSource, Order, Page, Record,
-    StoredVerification,
+    StoredVerification, Tally,
 };
+use super::sqlite_counts;
 use super::sqlite_pages::{counts, page};
 use super::sqlite_rows::{bad_row, bytes32, insert_record, record_from_row, source_from_row};
 use super::{Identity, Registry, RegistryError};
@@ -166,6 +167,7 @@ impl Registry for Sqlite {
     ) -> Result<(), RegistryError> {
         let mut transaction = self.writer.begin_with("BEGIN IMMEDIATE").await?;
         insert_record(&mut transaction, record).await?;
+        sqlite_counts::take_refused(&mut transaction, record).await?;
         if let Some(entry) = idempotency {
             let inserted = sqlx::query(
                 "INSERT INTO idempotency (owner_id, key, fingerprint, watermark_id)
@@ -318,6 +320,10 @@ impl Registry for Sqlite {
         rows.into_iter().map(host).collect()
     }
 
+    async fn host_parents(&self) -> Result<Vec<([u8; 32], [u8; 32])>, RegistryError> {
+        sqlite_counts::host_parents(&self.readers).await
+    }
+
     async fn revoke(&self, id: Uuid, at: Timestamp) -> Result<Option<Record>, RegistryError> {
         let row = sqlx::query(
             "UPDATE watermarks SET revoked_at = coalesce(revoked_at, ?) WHERE id = ? RETURNING *",
@@ -360,6 +366,23 @@ impl Registry for Sqlite {
             })
         })
         .transpose()
+    }
+
+    async fn refused(
+        &self,
+        host_sha256: &[u8; 32],
+        owner_id: &str,
+        tries: u32,
+    ) -> Result<(), RegistryError> {
+        sqlite_counts::refused(&self.writer, host_sha256, owner_id, tries).await
+    }
+
+    async fn tally(&self, id: Uuid) -> Result<Tally, RegistryError> {
+        sqlite_counts::tally(&self.readers, id).await
+    }
+
+    async fn ask(&self, ids: &[Uuid]) -> Result<Vec<(Uuid, u64)>, RegistryError> {
+        sqlite_counts::ask(&self.writer, ids).await
     }
 
     async fn keep_verification(
@@ -459,6 +482,8 @@ mod tests {
         contract::sketches_are_kept_once_per_host(&registry).await;
         let registry = Sqlite::open(&fresh()).await.unwrap();
         contract::many_writers_at_once(Arc::new(registry)).await;
+        let registry = Sqlite::open(&fresh()).await.unwrap();
+        contract::tries_and_questions_are_counted(Arc::new(registry)).await;
     }
 
     /// `VACUUM` may number rows anew: a cursor names a record, not a row.
@@ -523,12 +548,17 @@ mod tests {
             "DROP TABLE geometries",
             "DROP INDEX watermarks_by_geometry",
             "ALTER TABLE watermarks DROP COLUMN host_geometry",
+            "DROP TABLE tries",
+            "DROP TABLE questions",
+            "DROP INDEX watermarks_by_host",
+            "ALTER TABLE watermarks DROP COLUMN refused_before",
             "DELETE FROM _sqlx_migrations WHERE version > 1",
         ] {
             sqlx::query(statement).execute(&registry.writer).await.unwrap();
         }
         let reader = Sqlite::open_to_read(directory.path()).await.unwrap();
         assert_eq!(reader.record(record.id).await.unwrap(), Some(record.clone()));
+        assert_eq!(reader.tally(record.id).await.unwrap(), Tally::default());
         reader.close().await;
         registry.close().await;
         drop(registry);

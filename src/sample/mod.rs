@@ -67,7 +67,9 @@ fn blob(vertices: u32) -> Result<Mesh, MeshError> {
     let n = (f64::from(vertices.max(200)) / 6.0).sqrt().round();
     let radius = |d: DVec3| {
         let wave = |k: f64, a: f64, shift: f64| {
-            a * (k * d.x + shift).sin() * (k * d.y - 2.0 * shift).cos() * (k * d.z + 0.5).sin()
+            a * libm::sin(k * d.x + shift)
+                * libm::cos(k * d.y - 2.0 * shift)
+                * libm::sin(k * d.z + 0.5)
         };
         1.0 + 0.35 * d.y + wave(3.0, 0.4, 0.3) + wave(7.0, 0.12, 1.7) + wave(23.0, 0.015, 0.9)
     };
@@ -89,7 +91,7 @@ fn grid_cube(n: f64, place: impl Fn(DVec3) -> DVec3) -> Result<Mesh, MeshError> 
     for (normal, u, v) in axes {
         let point = |i: f64, j: f64| {
             // Tangent spacing evens the areas out.
-            let warp = |k: f64| (std::f64::consts::FRAC_PI_4 * (2.0 * k / n - 1.0)).tan();
+            let warp = |k: f64| libm::tan(std::f64::consts::FRAC_PI_4 * (2.0 * k / n - 1.0));
             (normal + u * warp(i) + v * warp(j)).normalize()
         };
         for i in steps().take_while(|&i| i < n) {
@@ -110,16 +112,16 @@ fn knot(vertices: u32) -> Result<Mesh, MeshError> {
     let along = (f64::from(vertices.max(200)) / around).round();
     let path = |s: f64| {
         let t = TAU * s;
-        let r = 2.0 + 0.8 * (3.0 * t).cos();
-        DVec3::new(r * (2.0 * t).cos(), r * (2.0 * t).sin(), 0.9 * (3.0 * t).sin())
+        let r = 2.0 + 0.8 * libm::cos(3.0 * t);
+        DVec3::new(r * libm::cos(2.0 * t), r * libm::sin(2.0 * t), 0.9 * libm::sin(3.0 * t))
     };
     let point = |s: f64, a: f64| {
         let step = 1e-4;
         let tangent = (path(s + step) - path(s - step)).normalize();
         let bend = path(s + step) + path(s - step) - 2.0 * path(s);
         let normal = (bend - tangent * bend.dot(tangent)).normalize();
-        let ring = normal * (TAU * a).cos() + tangent.cross(normal) * (TAU * a).sin();
-        path(s) + ring * (0.32 + 0.06 * (TAU * 7.0 * s).sin() + 0.01 * (TAU * 5.0 * a).cos())
+        let ring = normal * libm::cos(TAU * a) + tangent.cross(normal) * libm::sin(TAU * a);
+        path(s) + ring * (0.32 + 0.06 * libm::sin(TAU * 7.0 * s) + 0.01 * libm::cos(TAU * 5.0 * a))
     };
     wrapped_grid(along, around, point)
 }
@@ -130,7 +132,7 @@ fn gear(vertices: u32) -> Result<Mesh, MeshError> {
     let around = (f64::from(vertices.max(400)) * 2.2).sqrt().round();
     let profile = (f64::from(vertices.max(400)) / around).round().max(8.0);
     let point = |a: f64, p: f64| {
-        let tooth = (18.0 * TAU * a).sin();
+        let tooth = libm::sin(18.0 * TAU * a);
         let rim = 1.0 + 0.09 * (4.0 * tooth).clamp(-1.0, 1.0);
         // A rectangle walked once: outer face, top, bore, bottom.
         let (bore, half) = (0.35, 0.18);
@@ -140,7 +142,7 @@ fn gear(vertices: u32) -> Result<Mesh, MeshError> {
             q if q < 3.0 => (bore, half * (1.0 - 2.0 * (q - 2.0))),
             q => (bore + (rim - bore) * (q - 3.0), -half),
         };
-        DVec3::new(r * (TAU * a).cos(), r * (TAU * a).sin(), z)
+        DVec3::new(r * libm::cos(TAU * a), r * libm::sin(TAU * a), z)
     };
     wrapped_grid(around, profile, point)
 }

@@ -20,15 +20,16 @@ use super::register::KeptHost;
 use super::{Content, OnExisting, Service, ServiceError, Spooled, Text, idempotency};
 use crate::blobs::{Kind, geometry};
 use crate::formats::{Asset, Format, sniff};
+use crate::jobs::JobError;
 use crate::keys::random_bytes;
 use crate::marking::{
-    MarkReport, MarkRequest, Marked, MaxDistortion, mark_asset, mark_asset_within,
+    MOST_STRENGTHS, MarkReport, MarkRequest, Marked, MaxDistortion, mark_asset, mark_asset_within,
 };
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
 use crate::registration::{Shape, Sketch};
 use crate::registry::{IdempotencyEntry, Quality, Record};
-use crate::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength};
+use crate::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength, WatermarkError};
 
 /// The scheme that this release embeds.
 const SCHEME: u16 = 1;
@@ -88,6 +89,8 @@ struct Done {
     triangles: u64,
     usable_bins: u32,
     strength: Strength,
+    /// Others that its codeword was tried with.
+    refused_strengths: u32,
     quality: Quality,
     /// Marks that the host carried; none where nobody looked.
     existing: Option<Vec<Seen>>,
@@ -162,7 +165,18 @@ impl Service {
         let (keep_host, on_existing) = (request.keep_host, Some(request.on_existing));
         let how = (method, bits, force);
         let upload = (request.file, request.formats);
-        let done = self.mark(upload, key, message, how, keep_host, on_existing).await?;
+        let done = self.mark(upload, key, message, how, keep_host, on_existing).await;
+        let refused = match (&done, force) {
+            (Ok(done), _) => done.refused_strengths,
+            (Err(error), _) if !is_about_the_codeword(error) => 0,
+            (Err(_), Force::Exactly(_)) => 1,
+            (Err(_), Force::Within(..)) => MOST_STRENGTHS,
+        };
+        // Whatever is registered next for this host and owner has been chosen among these.
+        if refused > 0 {
+            self.registry.refused(&host_sha256, &owner_id, refused).await?;
+        }
+        let done = done?;
         let existing_marks = match &done.existing {
             Some(seen) => Some(self.owned(seen).await?),
             None => None,
@@ -278,6 +292,7 @@ impl Service {
                 triangles: host.triangles().len() as u64,
                 usable_bins,
                 strength: report.strength,
+                refused_strengths: report.refused_strengths,
                 quality: quality_of(&report),
                 existing,
             })
@@ -342,6 +357,17 @@ impl Service {
 /// Refuses a file that the caller does not take back.
 fn takes(formats: &[Format], format: Format) -> Result<(), ServiceError> {
     if formats.contains(&format) { Ok(()) } else { Err(ServiceError::FormatNotTaken(format)) }
+}
+
+/// Whether another codeword might have been marked with.
+fn is_about_the_codeword(error: &ServiceError) -> bool {
+    matches!(
+        error,
+        ServiceError::Watermark(WatermarkError::InsufficientCapacity { .. })
+            | ServiceError::Check(_)
+            | ServiceError::DistortionUnreachable(_)
+            | ServiceError::Job(JobError::DeadlinePassed)
+    )
 }
 
 /// Geometry and sketch of a host.

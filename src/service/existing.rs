@@ -7,6 +7,7 @@ use std::str::FromStr;
 
 use uuid::Uuid;
 
+use super::verify::Charge;
 use super::{Service, ServiceError};
 use crate::registry::ExistingMark;
 
@@ -81,6 +82,13 @@ impl Service {
         for &Seen { id, log10_fp } in seen {
             let record = self.registry.record(id).await?;
             let record = record.ok_or(ServiceError::UnknownWatermark(id))?;
+            // The search charged it as a record that was not chosen.
+            let charge = Charge::new(&self.registry.tally(id).await?, None, false);
+            let more = charge.factor() / Charge::default().factor();
+            let log10_fp = (log10_fp + libm::log10(more)).min(0.0);
+            if log10_fp >= self.thresholds().certain {
+                continue;
+            }
             let theirs = record.existing_marks.into_iter().flatten();
             below.extend(
                 theirs

@@ -1,8 +1,9 @@
 //! The hosts in memory: what a short list is drawn from.
 //!
 //! Copies of one host for many recipients are one host here, by the key of its geometry: whichever file
-//! it came in. Sketches are of hosts, never of marked meshes: a short list must not depend on codewords. Must not know how what
-//! is on a short list is scored.
+//! it came in. Sketches are of hosts, and of those that were marked files once, of the eldest they came
+//! from (`families`): a short list must not depend on codewords. Must not know how what is on a short
+//! list is scored.
 
 use std::collections::HashMap;
 use std::sync::{PoisonError, RwLock};
@@ -12,6 +13,7 @@ use futures::stream;
 use tracing::warn;
 use uuid::Uuid;
 
+use super::families::Families;
 use super::{Service, StartError};
 use crate::registration::{GeometryIndex, Probe, Sketch};
 use crate::registry::Record;
@@ -43,6 +45,29 @@ struct Inner {
     geometry: GeometryIndex,
     /// Records of each host, in the order of their registration or nearly.
     records: HashMap<HostKey, Vec<Uuid>>,
+    families: Families,
+    /// Sketches of hosts that are found by an elder's.
+    younger: HashMap<HostKey, Sketch>,
+}
+
+impl Inner {
+    /// Puts the sketch of a host where it belongs.
+    fn place(&mut self, key: HostKey, sketch: Sketch) {
+        self.geometry.remove(key.0);
+        if self.families.eldest(key) == key {
+            self.geometry.insert(key.0, &sketch);
+        } else {
+            self.younger.insert(key, sketch);
+        }
+    }
+
+    /// The hosts of a family, in order of registration.
+    fn family(&self, eldest: HostKey) -> Vec<HostKey> {
+        let younger = self.younger.keys().filter(|&&host| self.families.eldest(host) == eldest);
+        let mut family: Vec<HostKey> = younger.copied().chain([eldest]).collect();
+        family.sort_unstable_by_key(|&host| self.families.place(host));
+        family
+    }
 }
 
 /// All hosts whose geometry is kept, shared. A panic while it was held leaves it searchable, so
@@ -51,16 +76,21 @@ struct Inner {
 pub(super) struct Hosts(RwLock<Inner>);
 
 impl Hosts {
-    /// Adds a record whose host is kept.
-    pub(super) fn insert(&self, record: &Record, sketch: Option<&Sketch>) {
+    /// Adds a record whose host is kept, and carried marks of `parents`.
+    pub(super) fn insert(&self, record: &Record, sketch: Option<Sketch>, parents: &[[u8; 32]]) {
         let Some(key) = HostKey::of(record) else { return };
         let mut inner = self.0.write().unwrap_or_else(PoisonError::into_inner);
+        inner.families.insert(key);
+        for parent in parents {
+            inner.families.descends(key, HostKey::new(parent));
+        }
         let records = inner.records.entry(key).or_default();
         records.push(record.id);
-        if records.len() == 1
+        let first = records.len() == 1;
+        if (first || !parents.is_empty())
             && let Some(sketch) = sketch
         {
-            inner.geometry.insert(key.0, sketch);
+            inner.place(key, sketch);
         }
     }
 
@@ -73,6 +103,19 @@ impl Hosts {
         if records.is_empty() {
             inner.records.remove(&key);
             inner.geometry.remove(key.0);
+            inner.younger.remove(&key);
+            inner.families.remove(key);
+            // Those that were found by its sketch.
+            let orphans: Vec<HostKey> = inner.younger.keys().copied().collect();
+            for orphan in orphans
+                .into_iter()
+                .filter(|&host| inner.families.eldest(host) == host)
+                .collect::<Vec<_>>()
+            {
+                if let Some(sketch) = inner.younger.remove(&orphan) {
+                    inner.place(orphan, sketch);
+                }
+            }
         }
     }
 
@@ -87,7 +130,13 @@ impl Hosts {
         inner.records.get(&key).cloned().unwrap_or_default()
     }
 
-    /// The hosts that look most like the suspect, likeliest first: by shared parts, then by outline.
+    /// The eldest of a host's family.
+    pub(super) fn eldest(&self, key: HostKey) -> HostKey {
+        self.0.read().unwrap_or_else(PoisonError::into_inner).families.eldest(key)
+    }
+
+    /// The hosts that look most like the suspect, likeliest first: by shared parts, then by outline. A
+    /// family stands where its eldest host does, in order of registration.
     pub(super) fn shortlist(&self, probe: &Probe, most: usize) -> Vec<HostKey> {
         let inner = self.0.read().unwrap_or_else(PoisonError::into_inner);
         let parts = inner.geometry.by_parts(probe, most);
@@ -104,7 +153,9 @@ impl Hosts {
         for id in ids.chain(parts.iter().map(|hit| hit.id)) {
             list(id);
         }
-        listed
+        let mut all: Vec<HostKey> = listed.into_iter().flat_map(|key| inner.family(key)).collect();
+        all.truncate(most);
+        all
     }
 }
 
@@ -121,31 +172,97 @@ impl Service {
             }
             start += step;
         }
+        let mut families = Families::default();
+        let mut eldest_first: Vec<(Uuid, HostKey)> =
+            records.iter().filter_map(|(&key, ids)| Some((*ids.first()?, key))).collect();
+        eldest_first.sort_unstable();
+        eldest_first.into_iter().for_each(|(_, key)| families.insert(key));
+        for (host, parent) in self.registry.host_parents().await? {
+            families.descends(HostKey::new(&host), HostKey::new(&parent));
+        }
         let batches = stream::try_unfold(0, |after| async move {
             let batch = self.registry.sketches(after, ROWS).await?;
             let last = batch.last().map(|sketch| sketch.row);
             Ok::<_, StartError>(last.map(|last| (batch, last)))
         });
-        let geometry = batches
-            .try_fold(GeometryIndex::default(), |mut geometry, batch| {
-                let known = batch.iter().filter_map(|host| {
-                    let key = HostKey::new(&host.geometry);
-                    match Sketch::from_bytes(&host.sketch) {
-                        Ok(sketch) => records.contains_key(&key).then_some((key.0, sketch)),
-                        Err(error) => {
-                            let host = hex::encode(host.geometry);
-                            warn!(host, %error, "a host cannot be found by its shape");
-                            None
+        let (geometry, younger) = batches
+            .try_fold(
+                (GeometryIndex::default(), HashMap::new()),
+                |(mut geometry, mut younger), batch| {
+                    let known = batch.iter().filter_map(|host| {
+                        let key = HostKey::new(&host.geometry);
+                        match Sketch::from_bytes(&host.sketch) {
+                            Ok(sketch) => records.contains_key(&key).then_some((key.0, sketch)),
+                            Err(error) => {
+                                let host = hex::encode(host.geometry);
+                                warn!(host, %error, "a host cannot be found by its shape");
+                                None
+                            }
                         }
-                    }
-                });
-                let known: Vec<(u128, Sketch)> = known.collect();
-                geometry.extend(known.iter().map(|(id, sketch)| (*id, sketch)));
-                std::future::ready(Ok(geometry))
-            })
+                    });
+                    let known: Vec<(u128, Sketch)> = known.collect();
+                    let (found, by_elder): (Vec<_>, Vec<_>) = known
+                        .into_iter()
+                        .partition(|(id, _)| families.eldest(HostKey(*id)) == HostKey(*id));
+                    geometry.extend(found.iter().map(|(id, sketch)| (*id, sketch)));
+                    younger.extend(by_elder.into_iter().map(|(id, sketch)| (HostKey(id), sketch)));
+                    std::future::ready(Ok((geometry, younger)))
+                },
+            )
             .await?;
         let mut inner = self.hosts.0.write().unwrap_or_else(PoisonError::into_inner);
-        *inner = Inner { geometry, records };
+        *inner = Inner { geometry, records, families, younger };
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::surface::Surface;
+    use crate::registration::Shape;
+    use crate::registry::sample_record;
+    use crate::sample::Sample;
+
+    fn shape(sample: Sample) -> Shape {
+        Shape::new(Surface::new(&sample.mesh(2_000).unwrap())).unwrap()
+    }
+
+    fn record(host: u8) -> Record {
+        Record { host_sha256: [host; 32], ..sample_record() }
+    }
+
+    /// Whatever a mark made of the file that was registered as a host later, and so whatever its sketch:
+    /// older hosts stand on the list where they stood without it.
+    #[test]
+    fn a_marked_file_that_becomes_a_host_moves_nobody_on_the_list() {
+        let keys = [1, 2, 3].map(|host| HostKey::new(&[host; 32]));
+        let probe = Probe::new(&shape(Sample::Blob));
+        let mut lists = Vec::new();
+        for younger in [None, Some(Sample::Blob), Some(Sample::Knot), Some(Sample::Gear)] {
+            let hosts = Hosts::default();
+            let sketch = |sample| Some(Sketch::new(&shape(sample)));
+            let eldest = record(1);
+            hosts.insert(&eldest, sketch(Sample::Blob), &[]);
+            hosts.insert(&record(2), sketch(Sample::Gear), &[]);
+            if let Some(sample) = younger {
+                hosts.insert(&record(3), sketch(sample), &[[1; 32]]);
+            }
+            let list = hosts.shortlist(&probe, 8);
+            if younger.is_some() {
+                assert_eq!(list[..2], [keys[0], keys[2]], "{younger:?}: it stands with its elder");
+                assert_eq!(hosts.eldest(keys[2]), keys[0]);
+            }
+            lists.push(list.into_iter().filter(|&key| key != keys[2]).collect::<Vec<_>>());
+            // When its elder is gone it is found for itself.
+            hosts.remove(&eldest);
+            assert_eq!(hosts.eldest(keys[2]), keys[2]);
+            let alone = hosts.shortlist(&probe, 8);
+            assert!(!alone.contains(&keys[0]), "{younger:?}");
+            if younger == Some(Sample::Blob) {
+                assert_eq!(alone.first(), Some(&keys[2]));
+            }
+        }
+        assert!(lists.iter().all(|list| *list == lists[0] && list.contains(&keys[0])));
     }
 }

@@ -10,6 +10,7 @@ mod content;
 mod embed;
 mod error;
 mod existing;
+mod families;
 mod hosts;
 mod idempotency;
 mod inspect;

@@ -37,6 +37,10 @@ impl Service {
         idempotency: Option<(String, [u8; 32])>,
     ) -> Result<(), ServiceError> {
         let codeword = codeword(&self.keys, &record.source())?;
+        let carried = record.existing_marks.iter().flatten().map(|mark| mark.watermark_id);
+        let carried = self.registry.records(&carried.collect::<Vec<Uuid>>()).await?;
+        let parents: Vec<[u8; 32]> =
+            carried.iter().filter_map(|older| older.host_geometry).collect();
         let held = host.as_ref().map(|host| host.key);
         if let Some(key) = &held {
             self.blobs.hold_host(key).await;
@@ -74,7 +78,7 @@ impl Service {
         let inserted = tokio::task::spawn_blocking(move || {
             service.known.insert(&record, &codeword);
             if record.host_kept {
-                service.hosts.insert(&record, sketch.as_ref());
+                service.hosts.insert(&record, sketch, &parents);
             }
         });
         let inserted = inserted.await;

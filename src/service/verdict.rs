@@ -135,7 +135,17 @@ pub struct How {
     pub log10_bound: f64,
     /// What that probability is multiplied by: the hypotheses of the stage over its share.
     pub counted: f64,
-    /// `log10_bound + log10(counted)`, at most 0.
+    /// Which try this record was for its host and owner since their last one: those before it were
+    /// refused.
+    pub tries: u64,
+    /// Marks of its host and owner that are counted with it, itself included: the revoked ones, and all
+    /// where the record was named by its id.
+    pub siblings: u64,
+    /// Which question about the record this was, where questions are counted; else 0.
+    pub questions: u64,
+    /// What the probability is multiplied by for tries, siblings and questions.
+    pub charged: f64,
+    /// `log10_bound + log10(counted * charged)`, at most 0.
     pub log10_fp: f64,
 }
 
@@ -180,8 +190,9 @@ pub struct Match {
     pub under: Option<Uuid>,
     /// In which frame it was read.
     pub frame: FrameName,
-    /// What its bound rests on.
-    pub how: How,
+    /// What its bound rests on; only of a match. (Of a record that the file may not carry, the weights
+    /// would tell where its bins lie.)
+    pub how: Option<How>,
 }
 
 /// What the suspect is.
@@ -216,7 +227,12 @@ pub struct Verification {
     pub inconclusive_threshold_log10: f64,
     /// How much was to be tried.
     pub depth: Depth,
-    /// How many hypotheses were scored; the bounds count them all, each in its stage.
+    /// How often the records that were asked about have been asked about, this time included, where
+    /// they were named or so few that they nearly were; the most of any. Each further question is
+    /// charged to a record's bound. 0 where so many were asked about that nobody counts.
+    pub questions: u64,
+    /// How many hypotheses were scored; the bounds count them all, each in its stage. (Of lattices, the
+    /// mean over all classes.)
     pub hypotheses: u64,
     /// The stages that ran, in order; the dearer ones run only while the verdict is open.
     pub tried: Vec<TriedStage>,

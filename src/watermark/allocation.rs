@@ -13,6 +13,7 @@
 
 use super::Modulation;
 use super::bins::contribution;
+use crate::mesh::powers::squared;
 
 /// What one vertex of a bin may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,7 +115,7 @@ impl Allocation<'_> {
             Modulation::Mean => self.freedoms.iter().map(|f| f.compliance).sum(),
             Modulation::Variance => {
                 let all = self.places.iter().zip(self.freedoms);
-                all.map(|(t, f)| 2.0 * (2.0 * t - 1.0).powi(2) * f.compliance).sum()
+                all.map(|(t, f)| 2.0 * squared(2.0 * t - 1.0) * f.compliance).sum()
             }
         };
         let count = self.places.len() as f64;
@@ -166,7 +167,7 @@ fn solve(statistic: impl Fn(f64) -> f64, target: f64, guess: f64) -> (f64, bool)
     // Compliances differ by at most 1 / lambda or so: long before 2^40 times the guess every
     // vertex stands at its limit.
     for doubling in 0..40 {
-        far = sign * guess * f64::from(doubling).exp2();
+        far = sign * guess * libm::exp2(f64::from(doubling));
         far_error = error(far);
         if far_error * sign >= 0.0 {
             break;

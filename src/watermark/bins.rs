@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::codeword::LATTICE_CLASSES;
 use super::{BitCount, Modulation};
+use crate::mesh::powers::squared;
 
 /// Largest trimmed share of the radial extent at each end (paper eq. 4: eps in [0, 0.15]).
 pub const LARGEST_EPS: f64 = 0.15;
@@ -135,7 +136,7 @@ impl BinStatistic {
 pub fn contribution(modulation: Modulation, t: f64) -> f64 {
     match modulation {
         Modulation::Mean => t,
-        Modulation::Variance => (2.0 * t - 1.0).powi(2),
+        Modulation::Variance => squared(2.0 * t - 1.0),
     }
 }
 

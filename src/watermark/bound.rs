@@ -91,7 +91,7 @@ impl Tail {
 
     /// log10 of a bound on the probability that fair, independent signs make these weights sum to
     /// `t` or more; 0 where `t` is not above zero.
-    pub fn log10(&mut self, t: f64) -> f64 {
+    pub fn log10_at(&mut self, t: f64) -> f64 {
         let Some(d) = self.d(t) else { return 0.0 };
         let chernoff = chernoff::natural(&self.weights, d) * LOG10_E;
         let n = self.weights.len();
@@ -116,7 +116,7 @@ impl Tail {
 /// log10 of a bound on `P(sum_i +/- w_i >= t)` with fair, independent signs: see [`Tail`].
 #[must_use]
 pub fn log10_tail(weights: &[f64], t: f64) -> f64 {
-    Tail::new(weights).log10(t)
+    Tail::new(weights).log10_at(t)
 }
 
 /// The largest of ascending weights, rounded down to 24 bits.

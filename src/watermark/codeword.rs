@@ -205,6 +205,14 @@ impl Codeword {
         Self { lattice_class, bits: vec![bit; bits.get()] }
     }
 
+    /// What stands for any codeword where something about a host must not depend on one: fixed bits that
+    /// look random, on the lattice of the widest bins, which moves vertices farthest. No mark carries it.
+    #[must_use]
+    pub fn probe(bits: BitCount) -> Self {
+        let fixed = MarkKey([0x70; 32]);
+        Self { lattice_class: 0, bits: std::mem::take(&mut Schedule::new(&fixed, bits).whitening) }
+    }
+
     /// Where the bins lie.
     #[must_use]
     pub fn lattice_class(&self) -> u8 {

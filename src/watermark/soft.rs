@@ -87,7 +87,7 @@ impl SoftBits {
     /// `t` or more: one hypothesis, nothing counted yet.
     #[must_use]
     pub fn log10_bound(&self, t: f64) -> f64 {
-        self.tail().log10(t)
+        self.tail().log10_at(t)
     }
 
     /// The same for many scores.

@@ -8,6 +8,7 @@ mod adversarial;
 mod answers;
 mod binary;
 mod broken;
+mod charges;
 mod client;
 mod connections;
 mod downloads;

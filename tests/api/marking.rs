@@ -122,7 +122,7 @@ async fn an_answer_explains_itself() {
         let own = tried.iter().find(|tried| tried["stage"] == stage).unwrap();
         let counted = own["hypotheses"].as_f64().unwrap() / own["share"].as_f64().unwrap();
         assert!((number("counted") - counted).abs() < 1e-9);
-        let log10_fp = number("log10_bound") + counted.log10();
+        let log10_fp = number("log10_bound") + (counted * number("charged")).log10();
         assert!((found["log10_fp"].as_f64().unwrap() - log10_fp).abs() < 1e-9);
         let hypotheses: u64 = tried.iter().map(|tried| tried["hypotheses"].as_u64().unwrap()).sum();
         assert_eq!(verdict["hypotheses"], hypotheses);

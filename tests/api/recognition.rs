@@ -71,7 +71,8 @@ fn assert_found(verdict: &Value, id: &str, frame: &str, what: &str) {
     let best = &verdict["matches"][0];
     assert_eq!((&best["watermark_id"], &best["frame"]), (&id.into(), &frame.into()), "{what}");
     let how = &best["how"];
-    let fp = how["log10_bound"].as_f64().unwrap() + how["counted"].as_f64().unwrap().log10();
+    let counted = how["counted"].as_f64().unwrap() * how["charged"].as_f64().unwrap();
+    let fp = how["log10_bound"].as_f64().unwrap() + counted.log10();
     assert!((fp - best["log10_fp"].as_f64().unwrap()).abs() < 1e-9, "{what}: {verdict}");
 }
 

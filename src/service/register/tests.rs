@@ -10,7 +10,7 @@ use super::super::test_support::{keys, service};
 use super::*;
 use crate::registry::{
     Counts, Cursor, Filter, HostSketch, Identity, MarkSource, Order, Page, Registry, Sqlite,
-    StoredVerification, sample_record,
+    StoredVerification, Tally, sample_record,
 };
 
 /// A registry that, after its next commit, says so and waits to be let on.
@@ -77,6 +77,23 @@ impl Registry for Halting {
     }
     async fn hosts(&self, after: i64, last: i64) -> Result<Vec<(Uuid, [u8; 32])>, RegistryError> {
         self.inner.hosts(after, last).await
+    }
+    async fn host_parents(&self) -> Result<Vec<([u8; 32], [u8; 32])>, RegistryError> {
+        self.inner.host_parents().await
+    }
+    async fn refused(
+        &self,
+        host: &[u8; 32],
+        owner_id: &str,
+        tries: u32,
+    ) -> Result<(), RegistryError> {
+        self.inner.refused(host, owner_id, tries).await
+    }
+    async fn tally(&self, id: Uuid) -> Result<Tally, RegistryError> {
+        self.inner.tally(id).await
+    }
+    async fn ask(&self, ids: &[Uuid]) -> Result<Vec<(Uuid, u64)>, RegistryError> {
+        self.inner.ask(ids).await
     }
     async fn revoke(&self, id: Uuid, at: Timestamp) -> Result<Option<Record>, RegistryError> {
         self.inner.revoke(id, at).await

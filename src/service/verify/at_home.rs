@@ -2,7 +2,7 @@
 //! host's own frame and by the matched filter (`recipients`).
 //!
 //! What may be scored is fixed before anything is: each host has a share of the error probability by
-//! its rank on the short list, each look at it a share of that, and within a look each record of the
+//! its place on the short list (`shortlist::shares`), each look at it a share of that, and within a look each record of the
 //! host counts. So it is no matter where the search ends, or for which of many recipients' copies the
 //! filter (the dearest) is really run.
 
@@ -30,9 +30,6 @@ use crate::watermark::{Candidate, CodewordIndex, GroupKey, Hypothesis, Profile, 
 /// Fewer vertices than this that are known one by one say too little for the matched filter.
 const LEAST_SIGHTINGS: usize = 32;
 
-/// Of the error probability, what a host on the short list leaves to those after it.
-const REST: f64 = 0.4;
-
 /// Share of its strength that a statistic of a sound mark has at least, and share of the bins of
 /// which that is expected. (The embedder gives up to a tenth of the bins less where more would be
 /// dear; in the mean of two copies it is a quarter to a half of them.)
@@ -43,6 +40,8 @@ const SOUND_BINS: f64 = 0.9;
 pub(super) struct Housed {
     pub(super) key: HostKey,
     pub(super) home: Arc<Home>,
+    /// The part of the error probability that it may spend.
+    pub(super) share: f64,
     /// Ids of its records that are asked about, ascending.
     pub(super) ids: Vec<u128>,
     /// Its live records, asked about or not, oldest first (of very many the newest); at least one.
@@ -97,13 +96,12 @@ impl Visit<'_> {
             return Ok(());
         }
         let visitor = Visitor::new(self.mesh, self.suspect.surface());
-        let mut rank_share = 1.0 - REST;
         let hosts = self.hosts.iter().map(|housed| elements(housed.home.mesh())).collect();
         let mut shares = self.allowed.shares(elements(self.mesh), hosts);
         for housed in self.hosts {
             go_on(self.stop)?;
             let mut failed = None;
-            let mut see = |look: Look| match self.read(housed, &look, rank_share, climb) {
+            let mut see = |look: Look| match self.read(housed, &look, climb) {
                 Ok(flow) => flow,
                 Err(error) => {
                     failed = Some(error);
@@ -122,7 +120,6 @@ impl Visit<'_> {
             if end.is_break() || !climb.is_open() {
                 return Ok(());
             }
-            rank_share *= REST;
         }
         Ok(())
     }
@@ -148,7 +145,6 @@ impl Visit<'_> {
         &self,
         housed: &Housed,
         look: &Look,
-        rank_share: f64,
         climb: &mut Climb,
     ) -> Result<ControlFlow<()>, ServiceError> {
         go_on(self.stop)?;
@@ -165,7 +161,7 @@ impl Visit<'_> {
         let ranking: Vec<u128> = ranked.iter().map(|candidate| candidate.id).collect();
         let mut classes = Classes::new(&profile);
         let mut counted = |stage: StageName, id: u128| -> Result<f64, ServiceError> {
-            let all = housed.ids.len() as f64 / (share(stage) * rank_share * look.kind.share());
+            let all = housed.ids.len() as f64 / (share(stage) * housed.share * look.kind.share());
             // (Of very many records the oldest are not here.)
             let Some(record) = housed.record(id) else { return Ok(all) };
             let class = codeword(self.keys, &record.source())?.lattice_class();

@@ -5,6 +5,7 @@
 use super::super::existing::Seen;
 use super::super::{Service, ServiceError};
 use super::Depth;
+use super::charge::Charges;
 use super::ladder::Found;
 use crate::jobs::Stop;
 use crate::mesh::Mesh;
@@ -25,7 +26,7 @@ impl Service {
             let Found { id, log10_fp, .. } = found;
             (log10_fp < certain).then_some(Seen { id, log10_fp })
         };
-        match self.begin(host, None, Depth::Fast, stop) {
+        match self.begin(host, (None, Charges::default()), Depth::Fast, stop) {
             Ok(begun) => Ok(begun.climb.finish().found.into_iter().filter_map(seen).collect()),
             // A surface that cannot be read cannot be marked either, and marking says why.
             Err(ServiceError::Watermark(_)) => Ok(Vec::new()),

@@ -6,6 +6,7 @@ use super::super::embed::now;
 use super::super::existing::either;
 use super::super::verdict::{FileFacts, FrameFacts, How, Match, TriedStage, Verdict, Verification};
 use super::super::{Service, ServiceError};
+use super::charge::Charge;
 use super::count::share;
 use super::ladder::{Found, MOST_MATCHES};
 use super::{Depth, Searched};
@@ -19,13 +20,17 @@ impl Service {
         sha256: String,
     ) -> Result<Verification, ServiceError> {
         let thresholds = self.thresholds();
+        let told = |record, found: &Found| named(record, found, thresholds.certain);
         let mut matches = Vec::new();
-        for found in searched.climbed.found.into_iter().take(MOST_MATCHES) {
+        let best = searched.climbed.found.into_iter().take(MOST_MATCHES).collect();
+        let (charged, questions) = self.charged(&searched.questions, best).await?;
+        let worth = |found: &Found| found.log10_fp < thresholds.inconclusive;
+        for found in charged.into_iter().filter(worth) {
             let record = self.registry.record(found.id).await?;
             // Revoked while we searched.
             let live = record.filter(|record| record.revoked_at.is_none());
             matches
-                .extend(live.map(|record| (record.existing_marks.clone(), named(record, &found))));
+                .extend(live.map(|record| (record.existing_marks.clone(), told(record, &found))));
         }
         let asked = |id| searched.named.as_ref().is_none_or(|named| named.contains(id));
         let mut below: Vec<(ExistingMark, Match)> = Vec::new();
@@ -36,12 +41,17 @@ impl Service {
             }
         }
         for found in searched.later {
+            let tally = self.registry.tally(found.id).await?;
+            let found = found.charged(Charge::new(&tally, None, false));
+            if found.log10_fp >= thresholds.certain {
+                continue;
+            }
             let record = self.registry.record(found.id).await?;
             let Some(record) = record.filter(|record| record.revoked_at.is_none()) else {
                 continue;
             };
             let existing = record.existing_marks.clone().into_iter().flatten();
-            let over = named(record, &found);
+            let over = told(record, &found);
             below.extend(existing.map(|mark| (mark, over.clone())));
         }
         below.retain(|(mark, _)| asked(mark.watermark_id));
@@ -65,6 +75,7 @@ impl Service {
             threshold_log10: thresholds.certain,
             inconclusive_threshold_log10: thresholds.inconclusive,
             depth,
+            questions,
             hypotheses: tried.iter().map(|tried| tried.hypotheses).sum(),
             tried,
             matches,
@@ -114,7 +125,7 @@ impl Service {
     }
 }
 
-fn named(record: Record, found: &Found) -> Match {
+fn named(record: Record, found: &Found, certain: f64) -> Match {
     let score = found.candidate.score;
     let hypothesis = &found.candidate.hypothesis;
     let signed = hypothesis.soft.signed_weights();
@@ -131,6 +142,10 @@ fn named(record: Record, found: &Found) -> Match {
         score: score.t,
         log10_bound: found.candidate.log10_bound,
         counted: found.counted,
+        tries: found.charge.tries,
+        siblings: found.charge.siblings,
+        questions: found.charge.questions,
+        charged: found.charge.factor(),
         log10_fp: found.log10_fp,
     };
     Match {
@@ -144,6 +159,6 @@ fn named(record: Record, found: &Found) -> Match {
         bits_read: score.bits_read,
         under: None,
         frame: found.frame,
-        how,
+        how: (found.log10_fp < certain).then_some(how),
     }
 }

@@ -11,6 +11,7 @@ use uuid::Uuid;
 use super::super::ServiceError;
 use super::super::verdict::{FrameName, StageName, Thresholds};
 use super::blind::Blind;
+use super::charge::{Charge, Charges};
 use super::count::counted;
 use super::in_place::InPlace;
 use super::lattices::LatticeSearch;
@@ -59,9 +60,21 @@ pub(super) struct Found {
     pub(super) stage: StageName,
     pub(super) frame: FrameName,
     pub(super) candidate: Candidate,
-    /// What its bound is multiplied by.
+    /// What its bound is multiplied by: the hypotheses of the stage over its share.
     pub(super) counted: f64,
+    /// What it is multiplied by, too.
+    pub(super) charge: Charge,
     pub(super) log10_fp: f64,
+}
+
+impl Found {
+    /// The same with this charge.
+    pub(super) fn charged(self, charge: Charge) -> Self {
+        let log10_counted = (self.counted * charge.factor()).log10();
+        // (A bound that is no number becomes 0 here: it matches nothing.)
+        let log10_fp = (self.candidate.log10_bound + log10_counted).min(0.0);
+        Self { charge, log10_fp, ..self }
+    }
 }
 
 /// The outcome of the ladder.
@@ -94,14 +107,15 @@ pub(super) fn late_stages(depth: Depth) -> &'static [&'static dyn Stage] {
 /// A ladder on which somebody stands.
 pub(super) struct Climb {
     thresholds: Thresholds,
+    charges: Charges,
     tried: Vec<(StageName, u64)>,
     best: BTreeMap<Uuid, Found>,
 }
 
 impl Climb {
     /// At the foot.
-    pub(super) fn new(thresholds: Thresholds) -> Self {
-        Self { thresholds, tried: Vec::new(), best: BTreeMap::new() }
+    pub(super) fn new(thresholds: Thresholds, charges: Charges) -> Self {
+        Self { thresholds, charges, tried: Vec::new(), best: BTreeMap::new() }
     }
 
     /// Whether no record matches yet.
@@ -137,15 +151,13 @@ impl Climb {
         candidate: Candidate,
         counted: f64,
     ) {
-        // (A bound that is no number becomes 0 here: it matches nothing.)
-        let log10_fp = (candidate.log10_bound + counted.log10()).min(0.0);
-        if log10_fp >= self.thresholds.inconclusive {
-            return;
-        }
         let id = Uuid::from_u128(candidate.id);
+        let charge = self.charges.of(id);
+        let found =
+            Found { id, stage, frame, candidate, counted, charge, log10_fp: 0.0 }.charged(charge);
         let known = self.best.get(&id).map_or(f64::INFINITY, |known| known.log10_fp);
-        if log10_fp < known {
-            self.best.insert(id, Found { id, stage, frame, candidate, counted, log10_fp });
+        if found.log10_fp < known.min(self.thresholds.inconclusive) {
+            self.best.insert(id, found);
         }
     }
 

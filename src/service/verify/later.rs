@@ -5,6 +5,7 @@
 use super::super::ServiceError;
 use super::super::verdict::{StageName, Thresholds};
 use super::blind::Blind;
+use super::charge::Charges;
 use super::count::counted;
 use super::ladder::{Case, Climb, Found, Stage};
 use crate::watermark::CodewordIndex;
@@ -17,7 +18,7 @@ pub(super) fn later_marks(
     climb: &mut Climb,
 ) -> Result<Vec<Found>, ServiceError> {
     let name = StageName::LaterMarks;
-    let mut later = Climb::new(thresholds);
+    let mut later = Climb::new(thresholds, Charges::default());
     let everybody = Case { marks: all, named: None, ..*case };
     let tried = Blind.run(&everybody, later.worth(counted(name, 1)))?;
     climb.tried(name, tried.hypotheses);

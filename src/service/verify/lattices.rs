@@ -1,5 +1,11 @@
 //! The lattice search: where the bins lie is found from the suspect alone, then every mark is
 //! scored there. For files whose extremes or centre have moved.
+//!
+//! Not all lattices fit all classes, so how many readings a record is scored against depends on its
+//! class. That number is not counted, for it would tell the class to whoever asks about one record;
+//! what is counted is its mean over all classes. That is sound: a class is drawn by the key, uniformly
+//! and independently of the suspect, so the probability that a record of whatever class scores so high
+//! at any of its readings is at most the mean number of readings times that of one.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +14,7 @@ use super::super::verdict::{FrameName, StageName};
 use super::go_on;
 use super::ladder::{Case, Stage, Tried};
 use crate::watermark::{
-    BitCount, Effort, GroupKey, Lattices, Modulation, Worth, synchronise_until,
+    BitCount, Effort, GroupKey, LATTICE_CLASSES, Lattices, Modulation, Worth, synchronise_until,
 };
 
 /// Kinds of marks (number of bits and modulation) that are searched for, those with most records
@@ -51,11 +57,13 @@ impl Stage for LatticeSearch {
 
     fn run(&self, case: &Case<'_>, worth: Worth) -> Result<Tried, ServiceError> {
         let mut lattices: BTreeMap<(BitCount, Modulation), Lattices> = BTreeMap::new();
-        for (bits, modulation) in case.marks.kinds().into_iter().take(MOST_KINDS) {
+        let mut counted = 0_u64;
+        for ((bits, modulation), records) in case.marks.kinds().into_iter().take(MOST_KINDS) {
             go_on(case.stop)?;
             let stop = || case.stop.now();
             let found = synchronise_until(case.suspect, bits, modulation, &self.effort, &stop);
             go_on(case.stop)?;
+            counted = counted.saturating_add(hypotheses(records, &found));
             lattices.insert((bits, modulation), found);
         }
         let read = |key: GroupKey| {
@@ -63,12 +71,65 @@ impl Stage for LatticeSearch {
             found.map(|found| found.of_class(key.class)).unwrap_or_default()
         };
         let search = case.marks.search(&read, worth);
-        Ok(Tried { hypotheses: search.hypotheses, candidates: search.candidates })
+        Ok(Tried { hypotheses: counted, candidates: search.candidates })
     }
+}
+
+/// What is counted for so many records of one kind, of whatever classes.
+fn hypotheses(records: usize, found: &Lattices) -> u64 {
+    let readings = (records as u64).saturating_mul(found.of_all_classes() as u64);
+    readings.div_ceil(LATTICE_CLASSES as u64)
 }
 
 /// What is worth a report when at least so many hypotheses are counted.
 pub(super) fn stricter(worth: Worth, hypotheses: usize) -> Worth {
     let counted = (hypotheses.max(1) as f64).log10();
     Worth { log10_bound: worth.log10_bound - counted, ..worth }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use super::*;
+    use crate::jobs::Stop;
+    use crate::keys::KeyRing;
+    use crate::sample::Sample;
+    use crate::watermark::{Codeword, CodewordIndex, MarkKey, Message, Suspect, synchronise};
+
+    /// A codeword of each class that is wanted.
+    fn of_class(class: u8) -> Codeword {
+        let message = Message::from_bytes(&[], BitCount::default()).unwrap();
+        (0_u32..)
+            .map(|seed| {
+                let mut key = [0x11; 32];
+                key[..4].copy_from_slice(&seed.to_le_bytes());
+                Codeword::new(&MarkKey::from_bytes(key), &message)
+            })
+            .find(|codeword| codeword.lattice_class() == class)
+            .unwrap()
+    }
+
+    #[test]
+    fn the_number_of_hypotheses_does_not_tell_the_class() {
+        let suspect = Suspect::new(&Sample::Blob.mesh(2000).unwrap()).unwrap();
+        let keys = KeyRing::from_hex(&"5a".repeat(32)).unwrap();
+        let stop = Stop::new(Instant::now() + Duration::from_hours(1), Default::default());
+        let (bits, modulation) = (BitCount::default(), Modulation::Mean);
+        let search = LatticeSearch::NEAR;
+        let found = synchronise(&suspect, bits, modulation, &search.effort);
+        let mut scored: Vec<usize> = (0..=u8::MAX).map(|c| found.of_class(c).len()).collect();
+        let mean = scored.iter().sum::<usize>().div_ceil(LATTICE_CLASSES) as u64;
+        scored.sort_unstable();
+        scored.dedup();
+        assert!(scored.len() > 1, "as many lattices for each class: this shows nothing");
+        let worth = Worth { log10_bound: 0.0, most: 1 };
+        for class in (0..=u8::MAX).step_by(15) {
+            let mut marks = CodewordIndex::default();
+            marks.insert(1, modulation, &of_class(class));
+            let (marks, keys, stop) = (&marks, &keys, &stop);
+            let case = Case { suspect: &suspect, marks, named: None, keys, stop };
+            assert_eq!(search.run(&case, worth).unwrap().hypotheses, mean, "{class}");
+        }
+    }
 }

@@ -8,6 +8,7 @@
 
 mod at_home;
 mod blind;
+mod charge;
 mod classes;
 mod count;
 mod existing;
@@ -18,6 +19,7 @@ mod ladder;
 mod later;
 mod lattices;
 mod named;
+mod questions;
 mod recipients;
 mod shortlist;
 
@@ -29,7 +31,6 @@ use serde::Serialize;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::hosts::HostKey;
 use super::memory::{self, Purpose};
 use super::verdict::{LookedAt, Verification};
 use super::{Service, ServiceError, Spooled, Text};
@@ -40,11 +41,14 @@ use crate::registration::Allowed;
 use crate::registry::StoredVerification;
 use crate::watermark::{CodewordIndex, Suspect};
 use at_home::{Housed, Visit, effort};
+pub(super) use charge::Charge;
+use charge::Charges;
 pub(super) use homes::Homes;
 use ladder::{Case, Climb, Climbed, Found};
 use later::later_marks;
 use named::Named;
-use shortlist::Listed;
+use questions::Questions;
+use shortlist::{Listed, Place};
 
 /// A suspect, and what it is compared with.
 #[derive(Debug)]
@@ -112,6 +116,7 @@ struct Searched {
     later: Vec<Found>,
     /// The records that the request names.
     named: Option<Arc<Named>>,
+    questions: Questions,
 }
 
 /// What was read from the suspect's file.
@@ -129,7 +134,7 @@ struct Begun {
     climb: Climb,
     later: Vec<Found>,
     /// Hosts to look at; none when the verdict is clear or the depth does not ask for more.
-    listed: Vec<(HostKey, Vec<Uuid>)>,
+    listed: Vec<Place>,
 }
 
 impl Service {
@@ -149,17 +154,22 @@ impl Service {
         let known = named.clone();
         // Held until the verdict is kept: a verification that began is not refused half-way.
         let slot = self.admit()?;
+        let questions = self.questions(named.as_deref()).await?;
+        let charges = questions.charges().clone();
         let (read, begun) = self
             .run(&slot, bytes, move |allowed| {
                 let stop = || allowed.stop().now();
                 let asset = Asset::read_until(&file.read()?, &service.config.limits, &stop)?;
                 let (format, mesh) = (asset.format(), asset.into_mesh());
                 allowed.need(memory::needed(&mesh, Purpose::Verify))?;
-                let begun = service.begin(&mesh, known.as_deref(), depth, allowed.stop())?;
+                let named = known.as_deref();
+                let begun =
+                    service.begin(&mesh, (named, charges.clone()), depth, allowed.stop())?;
                 Ok((Read { format, mesh }, begun))
             })
             .await?;
-        let searched = self.end(&slot, read, begun, named.clone(), depth).await?;
+        let asked = (named.clone(), questions);
+        let searched = self.end(&slot, read, begun, asked, depth).await?;
         let verification = self.judge(searched, depth, sha256).await?;
         // What it named may have been found and dropped, because it was revoked meanwhile.
         if verification.matches.is_empty() && named.is_some_and(|named| !self.searches(&named)) {
@@ -189,7 +199,7 @@ impl Service {
     fn begin(
         &self,
         mesh: &Mesh,
-        named: Option<&Named>,
+        (named, charges): (Option<&Named>, Charges),
         depth: Depth,
         stop: &Stop,
     ) -> Result<Begun, ServiceError> {
@@ -204,7 +214,7 @@ impl Service {
         if named.is_some() && marks.is_empty() {
             return Err(revoked_meanwhile());
         }
-        let mut climb = Climb::new(self.thresholds());
+        let mut climb = Climb::new(self.thresholds(), charges);
         let case = Case { suspect: &suspect, marks: &marks, named, keys: &self.keys, stop };
         climb.run(&case, ladder::stages(depth))?;
         let others = depth != Depth::Fast && !marks.is_empty() && marks.len() < all.len();
@@ -227,7 +237,7 @@ impl Service {
         slot: &Slot,
         Read { format, mesh }: Read,
         begun: Begun,
-        named: Option<Arc<Named>>,
+        (named, questions): (Option<Arc<Named>>, Questions),
         depth: Depth,
     ) -> Result<Searched, ServiceError> {
         let Begun { suspect, all, marks, mut climb, later, mut listed } = begun;
@@ -235,7 +245,16 @@ impl Service {
         let asked = named.clone();
         let of = |climb: Climb, looked_at: LookedAt| {
             let climbed = climb.finish();
-            Searched { format, vertices, triangles, climbed, looked_at, later, named: asked }
+            Searched {
+                format,
+                vertices,
+                triangles,
+                climbed,
+                looked_at,
+                later,
+                named: asked,
+                questions,
+            }
         };
         if depth == Depth::Fast {
             return Ok(of(climb, LookedAt::default()));

@@ -17,12 +17,19 @@ pub(super) struct Named {
     ids: Vec<u128>,
     /// Of those with the last ids the ones that can be read, in the order of the ids.
     records: Vec<Record>,
+    /// One was named by its id.
+    by_id: bool,
 }
 
 impl Named {
     /// Whether it names a record.
     pub(super) fn contains(&self, id: Uuid) -> bool {
         self.ids.binary_search(&id.as_u128()).is_ok()
+    }
+
+    /// Whether the request names one by its id.
+    pub(super) fn by_id(&self) -> bool {
+        self.by_id
     }
 
     /// All ids, ascending.
@@ -84,7 +91,7 @@ impl Service {
                 "the watermark {id} was revoked at {at}, and revoked marks are not searched for"
             )));
         }
-        Ok(Named { ids: vec![id.as_u128()], records: self.readable(vec![record]) })
+        Ok(Named { ids: vec![id.as_u128()], records: self.readable(vec![record]), by_id: true })
     }
 
     async fn marks_of(&self, owner_id: &str) -> Result<Named, ServiceError> {
@@ -100,7 +107,7 @@ impl Service {
         // Revoked in the meantime.
         records.retain(|record| record.revoked_at.is_none());
         let ids = ids.iter().map(Uuid::as_u128).collect();
-        Ok(Named { ids, records: self.readable(records) })
+        Ok(Named { ids, records: self.readable(records), by_id: false })
     }
 
     /// Those whose master keys are there; the others are not searched for.

@@ -98,18 +98,21 @@ impl<'a> Recipients<'a> {
             let stop = || self.visit.stop.now();
             let reading = filtered.filter.compare_until(&self.look.sightings, turned, &stop);
             go_on(self.visit.stop)?;
+            climb.tried(StageName::MatchedFilter, 1);
             score(StageName::MatchedFilter, &filtered, reading.alone(), seen, climb)?;
             let others = expected.iter().filter(|(id, _)| *id != record.id);
             let others: Vec<&[DVec3]> = others.map(|(_, at)| at.as_slice()).take(BESIDE).collect();
             if !others.is_empty() {
                 let soft = reading.beside(&others);
+                climb.tried(StageName::BesideOthers, 1);
                 score(StageName::BesideOthers, &filtered, soft, seen, climb)?;
             }
-            if rank < below
-                && climb.is_open()
-                && let Some(soft) = self.below(&filtered, &reading, seen)?
-            {
-                score(StageName::BelowAnother, &filtered, soft, seen, climb)?;
+            if rank < below && climb.is_open() {
+                // (Counted whether or not it can be read, which depends on lattice classes.)
+                climb.tried(StageName::BelowAnother, 1);
+                if let Some(soft) = self.below(&filtered, &reading, seen)? {
+                    score(StageName::BelowAnother, &filtered, soft, seen, climb)?;
+                }
             }
         }
         Ok(if climb.is_open() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
@@ -163,7 +166,6 @@ fn score(
         score,
         hypothesis: Hypothesis { frame: seen.frame, soft: Arc::new(soft) },
     };
-    climb.tried(stage, 1);
     let counted = (seen.counted)(stage, candidate.id)?;
     climb.add(stage, seen.name, candidate, counted);
     Ok(())

@@ -21,6 +21,36 @@ use crate::watermark::Suspect;
 /// Records of a host whose details are fetched: the newest. (All are scored in the host's frame.)
 const DETAILED: usize = 4096;
 
+/// Of the error probability, what a family on the list leaves to those after it, and of the family's
+/// share, what a host leaves to the younger ones.
+const REST: f64 = 0.4;
+
+/// What the hosts of a list may each spend, by the family of each: together at most 1.
+fn shares<F: PartialEq>(families: &[F]) -> Vec<f64> {
+    let mut seen: Vec<(&F, f64, f64)> = Vec::new();
+    let size = |family: &F| families.iter().filter(|other| *other == family).count();
+    let share = |family| {
+        let at = seen.iter().position(|(known, ..)| *known == family).unwrap_or_else(|| {
+            let (rank, alone) = (seen.len(), size(family) == 1);
+            let of_family = (0..rank).fold(1.0 - REST, |share, _| share * REST);
+            seen.push((family, of_family, if alone { 1.0 } else { 1.0 - REST }));
+            rank
+        });
+        let Some((_, of_family, own)) = seen.get_mut(at) else { return 0.0 };
+        let share = *of_family * *own;
+        *own *= REST;
+        share
+    };
+    families.iter().map(share).collect()
+}
+
+/// A host on the list: its share and its records.
+pub(super) struct Place {
+    key: HostKey,
+    share: f64,
+    records: Vec<Uuid>,
+}
+
 /// Hosts on the list.
 fn most(depth: Depth) -> usize {
     if depth == Depth::Exhaustive { 24 } else { 8 }
@@ -29,6 +59,7 @@ fn most(depth: Depth) -> usize {
 /// A host that may be asked about: its records, and its geometry unless that is in memory.
 pub(super) struct Listed {
     key: HostKey,
+    share: f64,
     home: Option<Arc<Home>>,
     geometry: Option<Bytes>,
     ids: Vec<u128>,
@@ -42,9 +73,13 @@ impl Service {
         suspect: &Suspect,
         named: Option<&Named>,
         depth: Depth,
-    ) -> Vec<(HostKey, Vec<Uuid>)> {
-        let listed = self.hosts_to_look_at(suspect, named, depth).into_iter();
-        listed.map(|key| (key, self.hosts.records_of(key))).collect()
+    ) -> Vec<Place> {
+        let listed = self.hosts_to_look_at(suspect, named, depth);
+        let families: Vec<HostKey> = listed.iter().map(|&key| self.hosts.eldest(key)).collect();
+        let listed = listed.into_iter().zip(shares(&families));
+        listed
+            .map(|(key, share)| Place { key, share, records: self.hosts.records_of(key) })
+            .collect()
     }
 
     fn hosts_to_look_at(
@@ -84,11 +119,11 @@ impl Service {
     /// Fetches what the dear detectors need of the listed hosts; those that are gone are left out.
     pub(super) async fn fetch(
         &self,
-        listed: Vec<(HostKey, Vec<Uuid>)>,
+        listed: Vec<Place>,
         named: Option<&Named>,
     ) -> Result<Vec<Listed>, ServiceError> {
         let mut fetched = Vec::new();
-        for (key, of_host) in listed {
+        for Place { key, share, records: of_host } in listed {
             let newest = of_host.split_at(of_host.len().saturating_sub(DETAILED)).1;
             let mut records = self.registry.records(newest).await?;
             records.retain(|record| record.revoked_at.is_none());
@@ -104,7 +139,7 @@ impl Service {
                 continue;
             }
             ids.sort_unstable();
-            fetched.push(Listed { key, home, geometry, ids, records });
+            fetched.push(Listed { key, share, home, geometry, ids, records });
         }
         Ok(fetched)
     }
@@ -113,14 +148,15 @@ impl Service {
     pub(super) async fn recipients_beside(
         self: &Arc<Self>,
         id: Uuid,
-    ) -> Result<Option<(HostKey, Vec<Uuid>)>, ServiceError> {
+    ) -> Result<Option<Place>, ServiceError> {
         let Some(record) = self.registry.record(id).await? else { return Ok(None) };
         let Some(key) = HostKey::of(&record) else { return Ok(None) };
         // (Behind a lock that a registration may hold.)
         let service = self.clone();
         let records = tokio::task::spawn_blocking(move || service.hosts.records_of(key)).await;
         let records = records.map_err(|error| ServiceError::Internal(error.to_string()))?;
-        Ok((records.len() > 1).then_some((key, records)))
+        let place = Place { key, share: 1.0 - REST, records };
+        Ok((place.records.len() > 1).then_some(place))
     }
 
     /// All records of a host have the same.
@@ -133,7 +169,7 @@ impl Service {
 
     /// On the pool: unpacks what is not in memory, and keeps it there.
     pub(super) fn housed(&self, listed: Listed) -> Result<Option<Housed>, ServiceError> {
-        let Listed { key, home, geometry, ids, records } = listed;
+        let Listed { key, share, home, geometry, ids, records } = listed;
         let home = match (home, geometry) {
             (Some(home), _) => home,
             (None, Some(bytes)) => {
@@ -145,7 +181,7 @@ impl Service {
             }
             (None, None) => return Ok(None),
         };
-        Ok(Some(Housed { key, home, ids, records }))
+        Ok(Some(Housed { key, home, share, ids, records }))
     }
 }
 
@@ -164,5 +200,22 @@ impl Listed {
     pub(super) fn memory(&self) -> u64 {
         let (vertices, triangles) = self.counts();
         memory::of(vertices, triangles, Purpose::Host)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_follow_from_families_and_add_up_to_at_most_one() {
+        let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+        assert!(same(&shares(&[1, 2, 3]), &[0.6, 0.24, 0.096]));
+        // Two of a family share its place; who comes after them is where it was.
+        assert!(same(&shares(&[1, 1, 2]), &[0.36, 0.144, 0.24]));
+        assert!(same(&shares(&[1, 2, 1]), &[0.36, 0.24, 0.144]));
+        for families in [vec![7; 24], (0..24).collect(), (0..24).map(|k| k % 5).collect()] {
+            assert!(shares(&families).iter().sum::<f64>() <= 1.0);
+        }
     }
 }

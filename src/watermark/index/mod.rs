@@ -152,6 +152,15 @@ impl CodewordIndex {
         Self { groups: self.groups.par_iter().filter_map(chosen).collect() }
     }
 
+    /// All ids, ascending.
+    #[must_use]
+    pub fn ids(&self) -> Vec<u128> {
+        let mut ids: Vec<u128> =
+            self.groups.values().flat_map(|group| &group.ids).copied().collect();
+        ids.sort_unstable();
+        ids
+    }
+
     /// How many records there are.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -164,16 +173,17 @@ impl CodewordIndex {
         self.groups.is_empty()
     }
 
-    /// The kinds of marks (number of bits and modulation), those with most records first.
+    /// The kinds of marks (number of bits and modulation) and how many records are of each, those with
+    /// most records first.
     #[must_use]
-    pub fn kinds(&self) -> Vec<(BitCount, Modulation)> {
+    pub fn kinds(&self) -> Vec<((BitCount, Modulation), usize)> {
         let mut sizes: BTreeMap<_, usize> = BTreeMap::new();
         for (key, group) in &self.groups {
             *sizes.entry((key.bits, key.modulation)).or_default() += group.ids.len();
         }
         let mut kinds: Vec<_> = sizes.into_iter().collect();
         kinds.sort_by_key(|&(kind, size)| (std::cmp::Reverse(size), kind));
-        kinds.into_iter().map(|(kind, _)| kind).collect()
+        kinds
     }
 
     /// Scores every record against every reading of its group and returns the best of those that
@@ -281,7 +291,7 @@ fn once_each(candidates: &mut Vec<Candidate>) {
 impl Hypothesis {
     fn score(&self, id: u128, row: &[u8], tail: &mut Tail) -> Candidate {
         let score = self.soft.score_bits(bits_of(row));
-        let log10_bound = tail.log10(score.t);
+        let log10_bound = tail.log10_at(score.t);
         Candidate { id, log10_bound, score, hypothesis: self.clone() }
     }
 }

@@ -61,7 +61,7 @@ struct Cell {
 impl Cell {
     /// Probabilities of this cell for a zero and a one.
     fn likelihoods(&self, rough: f64) -> [f64; 2] {
-        let spread = self.error.hypot(rough * self.step) * SQRT_2;
+        let spread = libm::hypot(self.error, rough * self.step) * SQRT_2;
         [self.zero, self.one].map(|at| {
             // The probability of being below an edge, and no series where it is 0 or 1 anyhow.
             let below = |edge: f64| match (at - edge) / spread {

@@ -36,6 +36,7 @@ use super::modulate::State;
 use super::pass::{Host, Passes};
 use super::{BitCount, Codeword, EmbedParams, SoftBits, WatermarkError};
 use crate::mesh::Mesh;
+use crate::mesh::powers::squared;
 use crate::mesh::surface::Surface;
 
 /// A carrier of the host, and where the suspect has it, in the host's coordinates.
@@ -126,7 +127,7 @@ impl HostFilter {
             lattice.locate(rho).and_then(|(bin, _)| u16::try_from(bin).ok()).unwrap_or(NO_BIN)
         };
         let edges = surface.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
-        let squares = edges.map(|[a, b]| (rho[a as usize] - rho[b as usize]).powi(2));
+        let squares = edges.map(|[a, b]| squared(rho[a as usize] - rho[b as usize]));
         let squares = squares.sum::<f64>() / (3.0 * surface.triangles.len() as f64);
         let pairs = || zeros.iter().zip(&ones);
         Ok(Self {
@@ -222,7 +223,7 @@ impl HostFilter {
         };
         let off: Vec<f64> = sightings.par_iter().with_min_len(4096).map(off).collect();
         let knee = KNEE * median(off.clone());
-        let weight = |off: f64| if knee > 0.0 { 1.0 / (1.0 + (off / knee).powi(2)) } else { 1.0 };
+        let weight = |off: f64| if knee > 0.0 { 1.0 / (1.0 + squared(off / knee)) } else { 1.0 };
         off.into_iter().map(weight).collect()
     }
 

@@ -5,6 +5,7 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use super::{KNEE, median};
+use crate::mesh::powers::{cubed, squared};
 
 /// Rounds of reweighting.
 const ROUNDS: usize = 3;
@@ -38,7 +39,7 @@ impl Nudge {
             if knee.is_nan() || knee <= 0.0 {
                 break;
             }
-            let weight = |off: f64| 1.0 / (1.0 + (off / knee).powi(2));
+            let weight = |off: f64| 1.0 / (1.0 + squared(off / knee));
             let weights: Vec<f64> = off.into_iter().map(weight).collect();
             let Some(next) = self.step(pairs, &weights) else { break };
             self = next;
@@ -69,7 +70,7 @@ impl Nudge {
             inertia += w * (DMat3::from_diagonal(DVec3::splat(a.length_squared())) - outer);
         }
         let trace = inertia.x_axis.x + inertia.y_axis.y + inertia.z_axis.z;
-        if inertia.determinant() <= FLAT * trace.powi(3) {
+        if inertia.determinant() <= FLAT * cubed(trace) {
             return None;
         }
         let half = 0.5 * (inertia.inverse() * torque);

@@ -149,6 +149,12 @@ pub fn synchronise_until(
 }
 
 impl Lattices {
+    /// Readings of all classes together.
+    #[must_use]
+    pub fn of_all_classes(&self) -> usize {
+        (0..=u8::MAX).into_par_iter().map(|class| self.of_class(class).len()).sum()
+    }
+
     /// The readings of one lattice class: those whose implied range agrees with the suspect's.
     #[must_use]
     pub fn of_class(&self, class: u8) -> Vec<Hypothesis> {

@@ -1,0 +1,125 @@
+//! What is known beside single records: tries that were refused, questions that were asked, and which
+//! hosts descend from which.
+//!
+//! Counts are changed by single statements or within the caller's transaction, so that none is lost
+//! when many requests count at once.
+
+use sqlx::sqlite::{SqliteConnection, SqlitePool};
+use uuid::Uuid;
+
+use super::RegistryError;
+use super::record::{Record, Tally};
+use super::sqlite_rows::{bad_row, bytes32};
+
+fn whole(id: Uuid, count: i64) -> Result<u64, RegistryError> {
+    u64::try_from(count).map_err(|_| bad_row(&id, "a count"))
+}
+
+/// Adds refused tries to those of a host and owner.
+pub(super) async fn refused(
+    writer: &SqlitePool,
+    host_sha256: &[u8; 32],
+    owner_id: &str,
+    tries: u32,
+) -> Result<(), RegistryError> {
+    sqlx::query(
+        "INSERT INTO tries (host_sha256, owner_id, refused) VALUES (?, ?, ?)
+         ON CONFLICT DO UPDATE SET refused = refused + excluded.refused",
+    )
+    .bind(host_sha256.as_slice())
+    .bind(owner_id)
+    .bind(i64::from(tries))
+    .execute(writer)
+    .await?;
+    Ok(())
+}
+
+/// Gives the refused tries of its host and owner to a record that was just inserted.
+pub(super) async fn take_refused(
+    connection: &mut SqliteConnection,
+    record: &Record,
+) -> Result<(), RegistryError> {
+    let taken: Option<(i64,)> = sqlx::query_as(
+        "DELETE FROM tries WHERE host_sha256 = ? AND owner_id = ? RETURNING refused",
+    )
+    .bind(record.host_sha256.as_slice())
+    .bind(&record.owner_id)
+    .fetch_optional(&mut *connection)
+    .await?;
+    if let Some((refused,)) = taken {
+        sqlx::query("UPDATE watermarks SET refused_before = ? WHERE id = ?")
+            .bind(refused)
+            .bind(record.id.to_string())
+            .execute(connection)
+            .await?;
+    }
+    Ok(())
+}
+
+/// What a record's bound is charged for.
+pub(super) async fn tally(readers: &SqlitePool, id: Uuid) -> Result<Tally, RegistryError> {
+    let row: Option<(i64, i64, i64, i64)> = sqlx::query_as(
+        "SELECT own.refused_before,
+             count(*), count(other.revoked_at),
+             coalesce((SELECT asked FROM questions WHERE watermark_id = own.id), 0)
+         FROM watermarks own JOIN watermarks other USING (host_sha256, owner_id)
+         WHERE own.id = ? GROUP BY own.id",
+    )
+    .bind(id.to_string())
+    .fetch_optional(readers)
+    .await
+    .or_else(nothing_counted)?;
+    let Some((refused, all, revoked, asked)) = row else { return Ok(Tally::default()) };
+    Ok(Tally {
+        refused_before: whole(id, refused)?,
+        siblings: whole(id, all - 1)?,
+        revoked_siblings: whole(id, revoked)?.min(whole(id, all - 1)?),
+        asked: whole(id, asked)?,
+    })
+}
+
+/// Read beside the service of an earlier release, which has not made the tables.
+fn nothing_counted<T>(error: sqlx::Error) -> Result<Option<T>, sqlx::Error> {
+    let message = error.as_database_error().map(|error| error.message().to_owned());
+    let is_older =
+        message.is_some_and(|m| m.contains("no such table") || m.contains("no such column"));
+    if is_older { Ok(None) } else { Err(error) }
+}
+
+/// Counts one more question about each of these records; which one it was of each.
+pub(super) async fn ask(
+    writer: &SqlitePool,
+    ids: &[Uuid],
+) -> Result<Vec<(Uuid, u64)>, RegistryError> {
+    let rows: Vec<(String, i64)> = sqlx::query_as(
+        "INSERT INTO questions (watermark_id, asked) SELECT value, 1 FROM json_each(?) WHERE true
+         ON CONFLICT DO UPDATE SET asked = asked + 1 RETURNING watermark_id, asked",
+    )
+    .bind(serde_json::json!(ids).to_string())
+    .fetch_all(writer)
+    .await?;
+    let row = |(id, asked): (String, i64)| {
+        let id: Uuid = id.parse().map_err(|_| bad_row(&id, "watermark_id"))?;
+        Ok((id, whole(id, asked)?))
+    };
+    rows.into_iter().map(row).collect()
+}
+
+/// Hosts and those whose marks they carried.
+pub(super) async fn host_parents(
+    readers: &SqlitePool,
+) -> Result<Vec<([u8; 32], [u8; 32])>, RegistryError> {
+    let rows: Vec<(Vec<u8>, Vec<u8>)> = sqlx::query_as(
+        "SELECT DISTINCT own.host_geometry, older.host_geometry
+         FROM watermarks own, json_each(own.existing_marks) mark
+         JOIN watermarks older ON older.id = json_extract(mark.value, '$.watermark_id')
+         WHERE own.host_geometry <> older.host_geometry",
+    )
+    .fetch_all(readers)
+    .await
+    .map(Some)
+    .or_else(nothing_counted)?
+    .unwrap_or_default();
+    let row = |(host, parent): (Vec<u8>, Vec<u8>)| Some((bytes32(&host)?, bytes32(&parent)?));
+    Ok(rows.into_iter().filter_map(row).collect())
+}

@@ -1,0 +1,145 @@
+//! What a bound is charged for beside the hypotheses of its verification: marks that were refused or
+//! revoked before, and questions that were asked before.
+
+use std::collections::BTreeSet;
+
+use quadmark::config::{Config, Settings};
+use quadmark::service::{Depth, Service, VerifyRequest};
+use serde_json::Value;
+
+use crate::server::{Server, file_form, marked, obj, problem};
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value}"))
+}
+
+/// The match of a verdict, whose figures must agree with each other.
+fn best(verdict: &Value) -> &Value {
+    assert_eq!(verdict["verdict"], "match", "{verdict}");
+    let best = &verdict["matches"][0];
+    let how = &best["how"];
+    let counted = number(&how["counted"]) * number(&how["charged"]);
+    let log10_fp = number(&how["log10_bound"]) + counted.log10();
+    assert!((log10_fp - number(&best["log10_fp"])).abs() < 1e-9, "{verdict}");
+    best
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn each_question_about_a_record_is_counted_and_charged() {
+    let server = Server::start().await;
+    let (id, file) = server.mark(obj(), "acme").await;
+    let named = |name: &'static str, value: &str| file_form(&file).text(name, value.to_owned());
+    let mut before = f64::NEG_INFINITY;
+    for question in 1..=10 {
+        // By its id, by its owner, and as one of so few that it is nearly named.
+        let form = match question % 3 {
+            0 => named("watermark_id", &id),
+            1 => named("owner_id", "acme"),
+            _ => file_form(&file),
+        };
+        let verdict = server.verify(form).await;
+        let found = best(&verdict);
+        assert_eq!(
+            (&verdict["questions"], &found["how"]["questions"]),
+            (&question.into(), &question.into())
+        );
+        assert!(number(&found["log10_fp"]) > before, "{question}: {verdict}");
+        before = number(&found["log10_fp"]);
+    }
+    // A healthy mark has decades to spare after ten questions.
+    assert!(before < -12.0, "{before}");
+    // Another's file is a question about it, too. So is one that asks beside nine others at once.
+    let verdict = server.verify(file_form(obj()).text("watermark_id", id.clone())).await;
+    assert_eq!((&verdict["verdict"], &verdict["questions"]), (&"no_match".into(), &11.into()));
+    let server = server.restart().await;
+    let mut asking = tokio::task::JoinSet::new();
+    for _ in 0..6 {
+        let url = server.url("/v1/verifications");
+        let request =
+            server.client.post(url).multipart(file_form(&file).text("watermark_id", id.clone()));
+        asking.spawn(async move { request.send().await.unwrap().json::<Value>().await.unwrap() });
+    }
+    let mut asked = BTreeSet::new();
+    while let Some(verdict) = asking.join_next().await {
+        asked.insert(best(&verdict.unwrap())["how"]["questions"].as_u64().unwrap());
+    }
+    assert!(asked.into_iter().eq(12..=17), "none is lost, none is had twice");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_directory_that_is_only_read_charges_the_next_question_and_counts_none() {
+    let server = Server::start().await;
+    let (id, file) = server.mark(obj(), "acme").await;
+    let settings = Settings { data: Some(server.data()), ..Settings::default() };
+    let reader = Service::open_to_verify(Config::decide(settings).unwrap()).await.unwrap();
+    for _ in 0..3 {
+        let spooled = reader
+            .spool(reader.admit_upload(None).unwrap())
+            .unwrap()
+            .write(&file)
+            .await
+            .unwrap()
+            .end(None)
+            .await
+            .unwrap();
+        let watermark_id = Some(id.parse().unwrap());
+        let depth = Depth::Standard;
+        let request = VerifyRequest { file: spooled, owner_id: None, watermark_id, depth };
+        let verification = reader.verify(request).await.unwrap();
+        assert_eq!(verification.questions, 1);
+        assert_eq!(verification.matches[0].how.as_ref().unwrap().questions, 1);
+    }
+    let verdict = server.verify(file_form(&file).text("watermark_id", id)).await;
+    assert_eq!(verdict["questions"], 1);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn marks_that_were_refused_are_charged_to_the_next_of_their_host_and_owner() {
+    let server = Server::start().await;
+    let refused = || file_form(obj()).text("owner_id", "acme").text("max_distortion", "0.000001");
+    let response = server.post("/v1/watermarks", refused()).await;
+    problem(response, 422, "distortion_unreachable").await;
+    server.assert_empty("a refusal").await;
+    let mark = async |owner_id: &str, key: &str| {
+        let request = server.client.post(server.url("/v1/watermarks"));
+        let form = file_form(obj()).text("owner_id", owner_id.to_owned());
+        let form = form.text("on_existing", "allow");
+        marked(request.header("idempotency-key", key).multipart(form).send().await.unwrap()).await
+    };
+    let (_, other) = mark("other", "k").await;
+    let (id, file) = mark("acme", "k").await;
+    // A retry is answered with the same record and is no other try.
+    assert_eq!(mark("acme", "k").await.0, id);
+    let (_, next) = mark("acme", "l").await;
+    for (file, tries) in [(&file, 10), (&next, 1), (&other, 1)] {
+        let verdict = server.verify(file_form(file)).await;
+        let how = &best(&verdict)["how"];
+        assert_eq!(how["tries"], tries, "{verdict}");
+        assert_eq!(number(&how["charged"]) > 300.0, tries == 10, "{verdict}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_registers_many_and_revokes_most_gains_nothing() {
+    let server = Server::start().await;
+    let mut marks = Vec::new();
+    for _ in 0..4 {
+        marks.push(server.mark(obj(), "acme").await);
+    }
+    let (id, file) = marks.pop().unwrap();
+    let ask = async |name: &'static str, value: &str| {
+        let verdict = server.verify(file_form(&file).text(name, value.to_owned())).await;
+        best(&verdict)["how"]["siblings"].as_u64().unwrap()
+    };
+    // By its id it is one of four; by its owner all four are hypotheses anyhow.
+    assert_eq!(ask("watermark_id", &id).await, 4);
+    assert_eq!(ask("owner_id", "acme").await, 1);
+    for (revoked, (id, _)) in (1..).zip(&marks) {
+        let path = server.url(&format!("/v1/watermarks/{id}"));
+        assert!(server.client.delete(path).send().await.unwrap().status().is_success());
+        assert_eq!(ask("owner_id", "acme").await, 1 + revoked);
+    }
+    assert_eq!(ask("watermark_id", &id).await, 4);
+    let verdict = server.verify(file_form(&file)).await;
+    assert_eq!(best(&verdict)["how"]["siblings"], 4);
+}
