@@ -158,11 +158,11 @@ pub trait Registry: Send + Sync {
         key: &str,
     ) -> Result<Option<IdempotencyEntry>, RegistryError>;
 
-    /// Counts tries for a host and an owner that were refused. The next record of theirs takes them
+    /// Counts tries for a host, by its geometry, and an owner that were refused. The next record of theirs takes them
     /// over when it is registered ([`Tally::refused_before`]).
     async fn refused(
         &self,
-        host_sha256: &[u8; 32],
+        geometry: &[u8; 32],
         owner_id: &str,
         tries: u32,
     ) -> Result<(), RegistryError>;

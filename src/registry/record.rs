@@ -45,8 +45,8 @@ pub struct Record {
     pub frame: Frame,
     /// SHA-256 of the host file.
     pub host_sha256: [u8; 32],
-    /// Key of the host's geometry, under which it is stored if it is kept; records of before hosts
-    /// were stored once each have none.
+    /// Key of the host's geometry: by it marks of one host are counted together, and the host is
+    /// stored under it if it is kept. Records of before hosts were stored once each have none.
     pub host_geometry: Option<[u8; 32]>,
     /// SHA-256 of the marked file.
     pub marked_sha256: [u8; 32],

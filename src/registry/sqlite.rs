@@ -370,11 +370,11 @@ impl Registry for Sqlite {
 
     async fn refused(
         &self,
-        host_sha256: &[u8; 32],
+        geometry: &[u8; 32],
         owner_id: &str,
         tries: u32,
     ) -> Result<(), RegistryError> {
-        sqlite_counts::refused(&self.writer, host_sha256, owner_id, tries).await
+        sqlite_counts::refused(&self.writer, geometry, owner_id, tries).await
     }
 
     async fn tally(&self, id: Uuid) -> Result<Tally, RegistryError> {

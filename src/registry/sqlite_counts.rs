@@ -18,15 +18,15 @@ fn whole(id: Uuid, count: i64) -> Result<u64, RegistryError> {
 /// Adds refused tries to those of a host and owner.
 pub(super) async fn refused(
     writer: &SqlitePool,
-    host_sha256: &[u8; 32],
+    geometry: &[u8; 32],
     owner_id: &str,
     tries: u32,
 ) -> Result<(), RegistryError> {
     sqlx::query(
-        "INSERT INTO tries (host_sha256, owner_id, refused) VALUES (?, ?, ?)
+        "INSERT INTO tries (geometry, owner_id, refused) VALUES (?, ?, ?)
          ON CONFLICT DO UPDATE SET refused = refused + excluded.refused",
     )
-    .bind(host_sha256.as_slice())
+    .bind(geometry.as_slice())
     .bind(owner_id)
     .bind(i64::from(tries))
     .execute(writer)
@@ -39,13 +39,12 @@ pub(super) async fn take_refused(
     connection: &mut SqliteConnection,
     record: &Record,
 ) -> Result<(), RegistryError> {
-    let taken: Option<(i64,)> = sqlx::query_as(
-        "DELETE FROM tries WHERE host_sha256 = ? AND owner_id = ? RETURNING refused",
-    )
-    .bind(record.host_sha256.as_slice())
-    .bind(&record.owner_id)
-    .fetch_optional(&mut *connection)
-    .await?;
+    let taken: Option<(i64,)> =
+        sqlx::query_as("DELETE FROM tries WHERE geometry = ? AND owner_id = ? RETURNING refused")
+            .bind(record.host_geometry.unwrap_or(record.host_sha256).as_slice())
+            .bind(&record.owner_id)
+            .fetch_optional(&mut *connection)
+            .await?;
     if let Some((refused,)) = taken {
         sqlx::query("UPDATE watermarks SET refused_before = ? WHERE id = ?")
             .bind(refused)
@@ -62,7 +61,10 @@ pub(super) async fn tally(readers: &SqlitePool, id: Uuid) -> Result<Tally, Regis
         "SELECT own.refused_before,
              count(*), count(other.revoked_at),
              coalesce((SELECT asked FROM questions WHERE watermark_id = own.id), 0)
-         FROM watermarks own JOIN watermarks other USING (host_sha256, owner_id)
+         FROM watermarks own JOIN watermarks other
+             ON coalesce(other.host_geometry, other.host_sha256)
+                 = coalesce(own.host_geometry, own.host_sha256)
+             AND other.owner_id = own.owner_id
          WHERE own.id = ? GROUP BY own.id",
     )
     .bind(id.to_string())

@@ -4,7 +4,7 @@
 //! fails after the blobs removes them; what a crash leaves there is swept at the next start. The
 //! work is a task of its own: a client that hangs up leaves a whole record or none.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use bytes::Bytes;
 use jiff::Timestamp;
@@ -105,6 +105,21 @@ enum Force {
     Within(MaxDistortion, Strength),
 }
 
+/// One marking.
+struct Making {
+    file: Spooled,
+    /// Formats that the caller takes back.
+    formats: Vec<Format>,
+    key: MarkKey,
+    message: Message,
+    how: (Method, BitCount, Force),
+    keep_host: bool,
+    /// Without it nobody looks what the host carries.
+    on_existing: Option<OnExisting>,
+    /// Receives the key of the host's geometry as soon as the host was read, whatever comes of it.
+    geometry: Arc<OnceLock<[u8; 32]>>,
+}
+
 impl Service {
     /// Marks a host and registers the mark, or answers a retry with what it made before.
     ///
@@ -163,18 +178,30 @@ impl Service {
         let (method, bits) = (request.method, request.bits);
         let message_bytes = message.to_bytes();
         let (keep_host, on_existing) = (request.keep_host, Some(request.on_existing));
-        let how = (method, bits, force);
-        let upload = (request.file, request.formats);
-        let done = self.mark(upload, key, message, how, keep_host, on_existing).await;
+        let geometry = Arc::new(OnceLock::new());
+        let making = Making {
+            file: request.file,
+            formats: request.formats,
+            key,
+            message,
+            how: (method, bits, force),
+            keep_host,
+            on_existing,
+            geometry: geometry.clone(),
+        };
+        let done = self.mark(making).await;
         let refused = match (&done, force) {
             (Ok(done), _) => done.refused_strengths,
             (Err(error), _) if !is_about_the_codeword(error) => 0,
             (Err(_), Force::Exactly(_)) => 1,
             (Err(_), Force::Within(..)) => MOST_STRENGTHS,
         };
-        // Whatever is registered next for this host and owner has been chosen among these.
-        if refused > 0 {
-            self.registry.refused(&host_sha256, &owner_id, refused).await?;
+        // Whatever is registered next for this host and owner has been chosen among these. The host is
+        // known by its geometry: a comment more makes another file.
+        if refused > 0
+            && let Some(geometry) = geometry.get()
+        {
+            self.registry.refused(geometry, &owner_id, refused).await?;
         }
         let done = done?;
         let existing_marks = match &done.existing {
@@ -196,7 +223,7 @@ impl Service {
             payload: request.payload,
             frame: done.frame,
             host_sha256,
-            host_geometry: done.host.as_ref().map(|host| host.key),
+            host_geometry: geometry.get().copied(),
             marked_sha256: done.marked_sha256,
             marked_bytes: done.marked.len() as u64,
             format: done.format,
@@ -226,16 +253,10 @@ impl Service {
         Ok(Embedded { record, content, replayed: false })
     }
 
-    /// Without `on_existing` nobody looks what the host carries.
-    async fn mark(
-        self: &Arc<Self>,
-        (file, formats): (Spooled, Vec<Format>),
-        key: MarkKey,
-        message: Message,
-        (method, bits, force): (Method, BitCount, Force),
-        keep_host: bool,
-        on_existing: Option<OnExisting>,
-    ) -> Result<Done, ServiceError> {
+    /// On the pool: reads the host, marks it and measures the result.
+    async fn mark(self: &Arc<Self>, making: Making) -> Result<Done, ServiceError> {
+        let Making { file, formats, key, message, how, keep_host, on_existing, geometry } = making;
+        let (method, bits, force) = how;
         let limits = self.config.limits;
         let independent_check_max_bytes = self.config.independent_check_max_bytes;
         let start = match force {
@@ -252,6 +273,7 @@ impl Service {
             let stop = || allowed.stop().now();
             let asset = Asset::read_until(&host_bytes, &limits, &stop)?;
             allowed.need(memory::needed(asset.mesh(), Purpose::Embed))?;
+            let host_key = *geometry.get_or_init(|| geometry::key(asset.mesh()));
             let existing = match on_existing {
                 Some(on_existing) => {
                     let seen = service.marks_on(asset.mesh(), allowed.stop())?;
@@ -279,7 +301,7 @@ impl Service {
             if stop() {
                 return Err(allowed.stop().reason().into());
             }
-            let kept = keep_host.then(|| kept(&host)).transpose()?;
+            let kept = keep_host.then(|| kept(host_key, &host)).transpose()?;
             let usable_bins = u32::try_from(report.usable_bins)
                 .map_err(|_| ServiceError::Internal("too many bins".to_owned()))?;
             Ok(Done {
@@ -339,9 +361,17 @@ impl Service {
         // Marking is deterministic: the same host, key and message give the same bytes.
         let message = Message::from_bytes(&record.message, record.bits)?;
         let key = mark_key(&self.keys, &record.key_id, &record.salt, &record.owner_id)?;
-        let how = (record.method, record.bits, Force::Exactly(record.strength));
-        let done =
-            self.mark((request.file, request.formats), key, message, how, false, None).await?;
+        let making = Making {
+            file: request.file,
+            formats: request.formats,
+            key,
+            message,
+            how: (record.method, record.bits, Force::Exactly(record.strength)),
+            keep_host: false,
+            on_existing: None,
+            geometry: Arc::default(),
+        };
+        let done = self.mark(making).await?;
         if done.marked_sha256 != record.marked_sha256 {
             return Err(ServiceError::CannotRemake(id));
         }
@@ -371,10 +401,10 @@ fn is_about_the_codeword(error: &ServiceError) -> bool {
 }
 
 /// Geometry and sketch of a host.
-fn kept(host: &Mesh) -> Result<KeptHost, ServiceError> {
+fn kept(key: [u8; 32], host: &Mesh) -> Result<KeptHost, ServiceError> {
     let shape = Shape::new(Surface::new(host));
     let sketch = shape.map(|shape| Sketch::new(&shape));
-    Ok(KeptHost { key: geometry::key(host), geometry: geometry::pack(host)?.into(), sketch })
+    Ok(KeptHost { key, geometry: geometry::pack(host)?.into(), sketch })
 }
 
 fn quality_of(report: &MarkReport) -> Quality {
