@@ -229,7 +229,7 @@ mod tests {
     }
 
     fn record(host: u8) -> Record {
-        Record { host_sha256: [host; 32], ..sample_record() }
+        Record { host_geometry: Some([host; 32]), host_kept: true, ..sample_record() }
     }
 
     /// Whatever a mark made of the file that was registered as a host later, and so whatever its sketch:
