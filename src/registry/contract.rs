@@ -248,18 +248,28 @@ pub(super) async fn tries_and_questions_are_counted(registry: Arc<dyn Registry>)
     assert_eq!(tally(Uuid::now_v7()).await, Tally::default());
     registry.revoke(second.id, Timestamp::now()).await.unwrap();
     assert_eq!(tally(first.id).await, Tally { revoked_siblings: 1, ..expected });
-    // Many questions at once: each is one, none is lost.
+    // Many questions at once: each is one, none is lost; asked again it is the same one.
     let mut asking = tokio::task::JoinSet::new();
-    for _ in 0..40 {
+    for k in (0..40).chain(0..40) {
         let (registry, ids) = (registry.clone(), [first.id, other.id]);
-        asking.spawn(async move { registry.ask(&ids).await.unwrap() });
+        asking.spawn(async move {
+            let answer = registry.ask(&ids, &[k; 32]).await.unwrap();
+            assert_eq!(answer.len(), 2);
+            (k, answer)
+        });
     }
-    let mut of_first = Vec::new();
+    let mut of_first = std::collections::BTreeMap::new();
     while let Some(answer) = asking.join_next().await {
-        let answer = answer.unwrap();
-        assert_eq!(answer.len(), 2);
-        of_first.extend(answer.iter().filter(|(id, _)| *id == first.id).map(|(_, asked)| *asked));
+        let (k, answer) = answer.unwrap();
+        let nth = answer.iter().find(|(id, _)| *id == first.id).unwrap().1;
+        assert_eq!(*of_first.entry(k).or_insert(nth), nth, "question {k}");
     }
+    for (k, nth) in &of_first {
+        assert_eq!(registry.question(first.id, &[*k; 32]).await.unwrap(), *nth);
+    }
+    assert_eq!(registry.question(first.id, &[99; 32]).await.unwrap(), 41);
+    assert_eq!(registry.question(second.id, &[0; 32]).await.unwrap(), 1);
+    let mut of_first: Vec<u64> = of_first.into_values().collect();
     of_first.sort_unstable();
     assert!(of_first.into_iter().eq(1..=40));
     assert_eq!(tally(first.id).await.asked, 40);

@@ -170,8 +170,16 @@ pub trait Registry: Send + Sync {
     /// What a record's bound is charged for; nothing for one that is not there.
     async fn tally(&self, id: Uuid) -> Result<Tally, RegistryError>;
 
-    /// Counts one more question about each of these records, durably; which one it was of each.
-    async fn ask(&self, ids: &[Uuid]) -> Result<Vec<(Uuid, u64)>, RegistryError>;
+    /// Which question about a record this one is, from 1, or would be if it were asked now.
+    async fn question(&self, id: Uuid, question: &[u8; 32]) -> Result<u64, RegistryError>;
+
+    /// Counts a question about each of these records, durably, unless it was asked before; which one
+    /// it is of each.
+    async fn ask(
+        &self,
+        ids: &[Uuid],
+        question: &[u8; 32],
+    ) -> Result<Vec<(Uuid, u64)>, RegistryError>;
 
     /// Keeps a verdict.
     async fn keep_verification(

@@ -381,8 +381,16 @@ impl Registry for Sqlite {
         sqlite_counts::tally(&self.readers, id).await
     }
 
-    async fn ask(&self, ids: &[Uuid]) -> Result<Vec<(Uuid, u64)>, RegistryError> {
-        sqlite_counts::ask(&self.writer, ids).await
+    async fn question(&self, id: Uuid, question: &[u8; 32]) -> Result<u64, RegistryError> {
+        sqlite_counts::question(&self.readers, id, question).await
+    }
+
+    async fn ask(
+        &self,
+        ids: &[Uuid],
+        question: &[u8; 32],
+    ) -> Result<Vec<(Uuid, u64)>, RegistryError> {
+        sqlite_counts::ask(&self.writer, ids, question).await
     }
 
     async fn keep_verification(
@@ -547,10 +555,10 @@ mod tests {
             "DROP INDEX watermarks_by_owner_in_order",
             "DROP TABLE geometries",
             "DROP INDEX watermarks_by_geometry",
+            "DROP INDEX watermarks_by_host",
             "ALTER TABLE watermarks DROP COLUMN host_geometry",
             "DROP TABLE tries",
             "DROP TABLE questions",
-            "DROP INDEX watermarks_by_host",
             "ALTER TABLE watermarks DROP COLUMN refused_before",
             "DELETE FROM _sqlx_migrations WHERE version > 1",
         ] {

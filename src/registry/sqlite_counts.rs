@@ -60,7 +60,7 @@ pub(super) async fn tally(readers: &SqlitePool, id: Uuid) -> Result<Tally, Regis
     let row: Option<(i64, i64, i64, i64)> = sqlx::query_as(
         "SELECT own.refused_before,
              count(*), count(other.revoked_at),
-             coalesce((SELECT asked FROM questions WHERE watermark_id = own.id), 0)
+             coalesce((SELECT max(nth) FROM questions WHERE watermark_id = own.id), 0)
          FROM watermarks own JOIN watermarks other
              ON coalesce(other.host_geometry, other.host_sha256)
                  = coalesce(own.host_geometry, own.host_sha256)
@@ -88,16 +88,42 @@ fn nothing_counted<T>(error: sqlx::Error) -> Result<Option<T>, sqlx::Error> {
     if is_older { Ok(None) } else { Err(error) }
 }
 
-/// Counts one more question about each of these records; which one it was of each.
+/// Which question about a record this is, or would be.
+pub(super) async fn question(
+    readers: &SqlitePool,
+    id: Uuid,
+    question: &[u8; 32],
+) -> Result<u64, RegistryError> {
+    let row: Option<(i64,)> = sqlx::query_as(
+        "SELECT coalesce(
+             (SELECT nth FROM questions WHERE watermark_id = ?1 AND question = ?2),
+             (SELECT coalesce(max(nth), 0) + 1 FROM questions WHERE watermark_id = ?1)
+         )",
+    )
+    .bind(id.to_string())
+    .bind(question.as_slice())
+    .fetch_optional(readers)
+    .await
+    .or_else(nothing_counted)?;
+    row.map_or(Ok(1), |(nth,)| whole(id, nth))
+}
+
+/// Counts a question about each of these records, unless it was counted before; which one it is of
+/// each.
 pub(super) async fn ask(
     writer: &SqlitePool,
     ids: &[Uuid],
+    question: &[u8; 32],
 ) -> Result<Vec<(Uuid, u64)>, RegistryError> {
     let rows: Vec<(String, i64)> = sqlx::query_as(
-        "INSERT INTO questions (watermark_id, asked) SELECT value, 1 FROM json_each(?) WHERE true
-         ON CONFLICT DO UPDATE SET asked = asked + 1 RETURNING watermark_id, asked",
+        "INSERT INTO questions (watermark_id, question, nth)
+             SELECT value, ?2,
+                 1 + coalesce((SELECT max(nth) FROM questions WHERE watermark_id = value), 0)
+             FROM json_each(?1) WHERE true
+         ON CONFLICT DO UPDATE SET nth = nth RETURNING watermark_id, nth",
     )
     .bind(serde_json::json!(ids).to_string())
+    .bind(question.as_slice())
     .fetch_all(writer)
     .await?;
     let row = |(id, asked): (String, i64)| {

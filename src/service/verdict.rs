@@ -141,7 +141,7 @@ pub struct How {
     /// Marks of its host and owner that are counted with it, itself included: the revoked ones, and all
     /// where the record was named by its id.
     pub siblings: u64,
-    /// Which question about the record this was, where questions are counted; else 0.
+    /// Which question about the record this is, from 1.
     pub questions: u64,
     /// What the probability is multiplied by for tries, siblings and questions.
     pub charged: f64,
@@ -227,9 +227,9 @@ pub struct Verification {
     pub inconclusive_threshold_log10: f64,
     /// How much was to be tried.
     pub depth: Depth,
-    /// How often the records that were asked about have been asked about, this time included, where
-    /// they were named or so few that they nearly were; the most of any. Each further question is
-    /// charged to a record's bound. 0 where so many were asked about that nobody counts.
+    /// Which question about a record this is, from 1, the most of any that the request or the answer
+    /// names; 0 where neither names one. Each further question is charged to the record's bound. The
+    /// same file asked about in the same way is the same question.
     pub questions: u64,
     /// How many hypotheses were scored; the bounds count them all, each in its stage. (Of lattices, the
     /// mean over all classes.)

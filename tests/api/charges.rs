@@ -28,16 +28,17 @@ fn best(verdict: &Value) -> &Value {
 async fn each_question_about_a_record_is_counted_and_charged() {
     let server = Server::start().await;
     let (id, file) = server.mark(obj(), "acme").await;
-    let named = |name: &'static str, value: &str| file_form(&file).text(name, value.to_owned());
+    // Another file each time, of the same mesh.
+    let variant = |k: u64| [file.as_slice(), format!("# {k}\n").as_bytes()].concat();
+    // By its id, by its owner, and by the answer alone.
+    let form = |question: u64| match question % 3 {
+        0 => file_form(&variant(question)).text("watermark_id", id.clone()),
+        1 => file_form(&variant(question)).text("owner_id", "acme"),
+        _ => file_form(&variant(question)),
+    };
     let mut before = f64::NEG_INFINITY;
-    for question in 1..=10 {
-        // By its id, by its owner, and as one of so few that it is nearly named.
-        let form = match question % 3 {
-            0 => named("watermark_id", &id),
-            1 => named("owner_id", "acme"),
-            _ => file_form(&file),
-        };
-        let verdict = server.verify(form).await;
+    for question in 1..=10_u64 {
+        let verdict = server.verify(form(question)).await;
         let found = best(&verdict);
         assert_eq!(
             (&verdict["questions"], &found["how"]["questions"]),
@@ -48,15 +49,22 @@ async fn each_question_about_a_record_is_counted_and_charged() {
     }
     // A healthy mark has decades to spare after ten questions.
     assert!(before < -12.0, "{before}");
-    // Another's file is a question about it, too. So is one that asks beside nine others at once.
+    // The same file, asked about in the same way, is the same question.
+    for question in [10, 3, 1, 8] {
+        let again = server.verify(form(question)).await;
+        assert_eq!(best(&again)["how"]["questions"], question);
+    }
+    // Another's file is a question about it where it is named, and only there.
+    let verdict = server.verify(file_form(obj())).await;
+    assert_eq!((&verdict["verdict"], &verdict["questions"]), (&"no_match".into(), &0.into()));
     let verdict = server.verify(file_form(obj()).text("watermark_id", id.clone())).await;
     assert_eq!((&verdict["verdict"], &verdict["questions"]), (&"no_match".into(), &11.into()));
     let server = server.restart().await;
     let mut asking = tokio::task::JoinSet::new();
-    for _ in 0..6 {
+    for k in 100..106 {
         let url = server.url("/v1/verifications");
-        let request =
-            server.client.post(url).multipart(file_form(&file).text("watermark_id", id.clone()));
+        let form = file_form(&variant(k)).text("watermark_id", id.clone());
+        let request = server.client.post(url).multipart(form);
         asking.spawn(async move { request.send().await.unwrap().json::<Value>().await.unwrap() });
     }
     let mut asked = BTreeSet::new();

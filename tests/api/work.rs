@@ -101,11 +101,13 @@ async fn a_deadline_frees_the_pool_and_a_shutdown_after_it_is_quick() {
         ..Settings::default()
     };
     let server = Server::with(settings).await;
-    let large = to_glb(&Sample::Knot.mesh(190_000).unwrap());
+    let large = to_glb(&Sample::Knot.mesh(400_000).unwrap());
     for path in ["/v1/inspections", "/v1/watermarks"] {
         let mut form = file_form(&large);
         if path == "/v1/watermarks" {
-            form = form.text("owner_id", "acme").text("method", "exact-mean");
+            // A limit that no strength meets: several embeddings, each far longer than a deadline
+            // that leaves time for the upload.
+            form = form.text("owner_id", "acme").text("max_distortion", "0.000001");
         }
         let answer = server.post(path, form).await;
         if path == "/v1/watermarks" {

@@ -92,8 +92,15 @@ impl Registry for Halting {
     async fn tally(&self, id: Uuid) -> Result<Tally, RegistryError> {
         self.inner.tally(id).await
     }
-    async fn ask(&self, ids: &[Uuid]) -> Result<Vec<(Uuid, u64)>, RegistryError> {
-        self.inner.ask(ids).await
+    async fn question(&self, id: Uuid, question: &[u8; 32]) -> Result<u64, RegistryError> {
+        self.inner.question(id, question).await
+    }
+    async fn ask(
+        &self,
+        ids: &[Uuid],
+        question: &[u8; 32],
+    ) -> Result<Vec<(Uuid, u64)>, RegistryError> {
+        self.inner.ask(ids, question).await
     }
     async fn revoke(&self, id: Uuid, at: Timestamp) -> Result<Option<Record>, RegistryError> {
         self.inner.revoke(id, at).await

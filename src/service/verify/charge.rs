@@ -20,8 +20,10 @@
 //!
 //! **Questions.** Each verification has an error probability of its own. So many that are all about
 //! one record, each perhaps made after the answer to the one before, are a series. They are counted
-//! per record where it was named, or where so few were asked about that it was nearly named
-//! ([`NEARLY`]): among more, hypotheses are counted that are not worth as much as one name.
+//! per record where the request named it (alone or beside at most [`NEARLY`] in all: among more,
+//! hypotheses are counted that are not worth as much as one name), and where the answer does, as a match
+//! or nearly: from an answer that does not name a record, nobody learns anything about its codeword.
+//! The same file asked about in the same way is one question, however often, for it has one answer.
 
 use std::collections::HashMap;
 
@@ -29,7 +31,7 @@ use uuid::Uuid;
 
 use crate::registry::Tally;
 
-/// Of so many records that are asked about, each is nearly named.
+/// Where a filter selects at most so many records, each is named.
 pub(super) const NEARLY: usize = 8;
 
 /// What the `n`-th of a series of tries is multiplied by, from 1.

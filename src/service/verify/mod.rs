@@ -148,13 +148,14 @@ impl Service {
         request: VerifyRequest,
     ) -> Result<Verification, ServiceError> {
         let named = self.named(&request).await?;
+        let question = questions::identify(&request);
         let (depth, bytes) = (request.depth, request.file.bytes);
         let (service, file, named) = (self.clone(), request.file, named.map(Arc::new));
         let sha256 = hex::encode(file.sha256);
         let known = named.clone();
         // Held until the verdict is kept: a verification that began is not refused half-way.
         let slot = self.admit()?;
-        let questions = self.questions(named.as_deref()).await?;
+        let questions = self.questions(question, named.as_deref()).await?;
         let charges = questions.charges().clone();
         let (read, begun) = self
             .run(&slot, bytes, move |allowed| {

@@ -1,21 +1,26 @@
-//! Questions: which records a verification asks about by name, or nearly so, and what that costs.
+//! Questions: which records a verification asks about, and what that costs.
 //!
-//! The ladder climbs with what this question will cost if no other is answered before it. When the
-//! answer is ready, the question is counted, durably, and what it then costs is what is charged. A data
-//! directory that is only read is not changed: each question there costs what the next one would. Who
-//! has the directory can ask as often as he likes.
+//! The stages run with what this question will cost the records that the request names, if no other is
+//! answered before it. When the answer is ready, the question is counted, durably, for these records
+//! and for those that the answer names, and what it then costs is what is charged. A data directory
+//! that is only read is not changed: each question there costs what the next one would. Who has the
+//! directory can ask as often as he likes.
 
+use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
 use super::super::{Service, ServiceError};
+use super::VerifyRequest;
 use super::charge::{Charge, Charges, NEARLY};
 use super::ladder::Found;
 use super::named::Named;
 
 /// What a verification asks about.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Questions {
-    /// Records that are named, or nearly.
+    /// Identifies the question: the file and the way it is asked about.
+    question: [u8; 32],
+    /// Records that the request names.
     about: Vec<Uuid>,
     /// There is one, and it is named by its id.
     alone: bool,
@@ -29,50 +34,67 @@ impl Questions {
     }
 }
 
+/// SHA-256 over everything that decides what is scored, but for the registry. Each part goes in with
+/// its length.
+pub(super) fn identify(request: &VerifyRequest) -> [u8; 32] {
+    let owner_id = request.owner_id.as_ref().map_or("", |text| text.as_str());
+    let watermark_id = request.watermark_id.map(|id| id.to_string()).unwrap_or_default();
+    let parts = [request.depth.name(), owner_id, &watermark_id];
+    let mut hash = Sha256::new();
+    hash.update(request.file.sha256);
+    for part in parts {
+        hash.update((part.len() as u64).to_le_bytes());
+        hash.update(part);
+    }
+    hash.finalize().into()
+}
+
 impl Service {
     /// What a request asks about, before it is answered.
-    pub(super) async fn questions(&self, named: Option<&Named>) -> Result<Questions, ServiceError> {
-        let about: Vec<Uuid> = match named {
-            Some(named) if named.ids().len() <= NEARLY => {
-                named.ids().iter().map(|&id| Uuid::from_u128(id)).collect()
-            }
-            None if self.known.len() <= NEARLY => {
-                self.known.marks().ids().into_iter().map(Uuid::from_u128).collect()
-            }
-            _ => Vec::new(),
-        };
+    pub(super) async fn questions(
+        &self,
+        question: [u8; 32],
+        named: Option<&Named>,
+    ) -> Result<Questions, ServiceError> {
+        let few = named.filter(|named| named.ids().len() <= NEARLY);
+        let ids = few.map(Named::ids).unwrap_or_default();
+        let about: Vec<Uuid> = ids.iter().map(|&id| Uuid::from_u128(id)).collect();
         let alone = named.is_some_and(Named::by_id);
         let mut charges = Charges::default();
         for &id in &about {
             let tally = self.registry.tally(id).await?;
-            let question = Some(tally.asked.saturating_add(1));
-            charges.set(id, Charge::new(&tally, question, alone));
+            let nth = self.registry.question(id, &question).await?;
+            charges.set(id, Charge::new(&tally, Some(nth), alone));
         }
-        Ok(Questions { about, alone, charges })
+        Ok(Questions { question, about, alone, charges })
     }
 
-    /// Counts the questions that are about to be answered and charges what was found; how often the
-    /// record that was asked about most has been asked about, 0 where nobody counts.
+    /// Counts the question that is about to be answered and charges what was found; which question it
+    /// is about the record that was asked about most, 0 where it is about none.
     pub(super) async fn charged(
         &self,
         questions: &Questions,
         found: Vec<Found>,
     ) -> Result<(Vec<Found>, u64), ServiceError> {
-        let asked = if self.only_reads {
-            let of = |&id| (id, questions.charges.of(id).questions);
-            questions.about.iter().map(of).collect()
-        } else if questions.about.is_empty() {
-            Vec::new()
-        } else {
-            self.registry.ask(&questions.about).await?
-        };
+        let mut about = questions.about.clone();
+        about.extend(found.iter().map(|found| found.id));
+        about.sort_unstable();
+        about.dedup();
+        let mut asked = Vec::new();
+        if self.only_reads {
+            for &id in &about {
+                asked.push((id, self.registry.question(id, &questions.question).await?));
+            }
+        } else if !about.is_empty() {
+            asked = self.registry.ask(&about, &questions.question).await?;
+        }
         let mut charged = Vec::with_capacity(found.len());
         for found in found {
             let tally = self.registry.tally(found.id).await?;
-            let question = asked.iter().find(|(id, _)| *id == found.id).map(|(_, asked)| *asked);
+            let question = asked.iter().find(|(id, _)| *id == found.id).map(|(_, nth)| *nth);
             charged.push(found.charged(Charge::new(&tally, question, questions.alone)));
         }
         charged.sort_by(|a, b| a.log10_fp.total_cmp(&b.log10_fp).then(a.id.cmp(&b.id)));
-        Ok((charged, asked.iter().map(|(_, asked)| *asked).max().unwrap_or(0)))
+        Ok((charged, asked.iter().map(|(_, nth)| *nth).max().unwrap_or(0)))
     }
 }
