@@ -158,11 +158,14 @@ fn cost(what: String, seconds: f64, verification: &Verification) -> Cost {
     Cost { what, seconds, allowed, suspect, hosts, verdict }
 }
 
+/// What a table is sorted by.
+type Rank = fn(&Cost) -> f64;
+
 fn report(mut costs: Vec<Cost>) {
     let total: f64 = costs.iter().map(|cost| cost.seconds).sum();
     let broken = costs.iter().filter(|cost| cost.seconds > cost.allowed).count();
     println!("{total:.0} s of CPU in all; the law was broken {broken} times");
-    let tables: [(&str, fn(&Cost) -> f64); 2] = [
+    let tables: [(&str, Rank); 2] = [
         ("slowest", |cost| cost.seconds),
         ("nearest to the law", |cost| cost.seconds / cost.allowed),
     ];

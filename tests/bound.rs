@@ -127,7 +127,7 @@ fn codewords(count: u32) -> Vec<Codeword> {
 #[test]
 fn agreement_counts_only_bins_that_could_have_disagreed() {
     let bits = BitCount::default().get();
-    let z = |i: usize| if i % 2 == 0 { 1.0 } else { 1e-13 };
+    let z = |i: usize| if i.is_multiple_of(2) { 1.0 } else { 1e-13 };
     // All ones: what the weights are made from. (Half are at the cap, half far below.)
     let soft = SoftBits::weighted((0..bits).map(z).collect());
     let weights = soft.signed_weights();

@@ -104,7 +104,7 @@ fn marked_files() -> Value {
 
 /// Positions to the bit.
 fn positions(mesh: &Mesh) -> String {
-    let bytes = mesh.positions().iter().flat_map(|p| p.to_array()).flat_map(f64::to_le_bytes);
+    let bytes = mesh.positions().iter().flat_map(glam::DVec3::to_array).flat_map(f64::to_le_bytes);
     sha256(&bytes.collect::<Vec<u8>>())
 }
 

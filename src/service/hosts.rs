@@ -164,19 +164,18 @@ impl Service {
     pub(super) async fn load_hosts(&self) -> Result<(), StartError> {
         let end = self.registry.last_row().await?;
         let mut records: HashMap<HostKey, Vec<Uuid>> = HashMap::new();
+        let mut families = Families::default();
         let step = i64::from(ROWS);
         let mut start = 0;
         while start < end {
             for (id, geometry) in self.registry.hosts(start, start + step).await? {
-                records.entry(HostKey::new(&geometry)).or_default().push(id);
+                let key = HostKey::new(&geometry);
+                // Rows are in the order of registration; ids need not be.
+                families.insert(key);
+                records.entry(key).or_default().push(id);
             }
             start += step;
         }
-        let mut families = Families::default();
-        let mut eldest_first: Vec<(Uuid, HostKey)> =
-            records.iter().filter_map(|(&key, ids)| Some((*ids.first()?, key))).collect();
-        eldest_first.sort_unstable();
-        eldest_first.into_iter().for_each(|(_, key)| families.insert(key));
         for (host, parent) in self.registry.host_parents().await? {
             families.descends(HostKey::new(&host), HostKey::new(&parent));
         }

@@ -23,7 +23,7 @@ fn names(data: &Path, part: &str) -> Vec<String> {
 }
 
 /// All files below a directory with their bytes: what a refused start must leave alone. (Beside a
-/// database that is read, SQLite keeps files of its own.)
+/// database that is read, `SQLite` keeps files of its own.)
 fn everything(directory: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();
     let mut directories = vec![directory.to_owned()];
@@ -270,6 +270,9 @@ async fn missing_keys_refuse_the_start_and_are_named() {
     assert!(keys.exists());
 }
 
+/// A fault: what the check calls it, the file it names, and how it is made.
+type Fault<'a> = (&'a str, String, Box<dyn Fn() + 'a>);
+
 #[tokio::test]
 async fn the_check_finds_each_fault_and_changes_nothing() {
     let server = Server::with(settings()).await;
@@ -298,7 +301,6 @@ async fn the_check_finds_each_fault_and_changes_nothing() {
         std::fs::write(path, bytes).unwrap();
     };
     let stranger = uuid::Uuid::now_v7().to_string();
-    type Fault<'a> = (&'a str, String, Box<dyn Fn() + 'a>);
     let faults: [Fault<'_>; 7] = [
         (
             "file_missing",

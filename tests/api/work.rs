@@ -8,7 +8,7 @@ use quadmark::sample::{Sample, to_glb};
 use super::server::{Server, file_form, obj, other_obj, problem};
 
 /// For what should take no time on a machine that does other things, too.
-const LIVENESS: Duration = Duration::from_secs(60);
+const LIVENESS: Duration = Duration::from_mins(1);
 
 /// A grid of 100 x 100 cells as GLB, whose one index accessor so many primitives name.
 fn repeated(primitives: usize) -> Vec<u8> {

@@ -91,6 +91,8 @@ pub(super) fn stricter(worth: Worth, hypotheses: usize) -> Worth {
 mod tests {
     use std::time::{Duration, Instant};
 
+    use tokio_util::sync::CancellationToken;
+
     use super::*;
     use crate::jobs::Stop;
     use crate::keys::KeyRing;
@@ -100,7 +102,7 @@ mod tests {
     /// A codeword of each class that is wanted.
     fn of_class(class: u8) -> Codeword {
         let message = Message::from_bytes(&[], BitCount::default()).unwrap();
-        (0_u32..)
+        (0..=u32::MAX)
             .map(|seed| {
                 let mut key = [0x11; 32];
                 key[..4].copy_from_slice(&seed.to_le_bytes());
@@ -114,7 +116,7 @@ mod tests {
     fn the_number_of_hypotheses_does_not_tell_the_class() {
         let suspect = Suspect::new(&Sample::Blob.mesh(2000).unwrap()).unwrap();
         let keys = KeyRing::from_hex(&"5a".repeat(32)).unwrap();
-        let stop = Stop::new(Instant::now() + Duration::from_hours(1), Default::default());
+        let stop = Stop::new(Instant::now() + Duration::from_hours(1), CancellationToken::new());
         let (bits, modulation) = (BitCount::default(), Modulation::Mean);
         let search = LatticeSearch::NEAR;
         let found = synchronise(&suspect, bits, modulation, &search.effort);
