@@ -26,6 +26,7 @@
 //! The same file asked about in the same way is one question, however often, for it has one answer.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use uuid::Uuid;
 
@@ -81,19 +82,28 @@ impl Charge {
     }
 }
 
-/// The charges of records that are not charged as usual.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Charges(HashMap<Uuid, Charge>);
+/// What a record is charged for, asked when it is first found; `None` where that cannot be told.
+pub(super) type Lookup = Arc<dyn Fn(Uuid) -> Option<Charge> + Send + Sync>;
+
+/// The charges of records: those that are known, and a way to ask for others. A detector cascade that
+/// ended at a bound without its charge would leave a verdict open that later stages could close.
+#[derive(Clone, Default)]
+pub(super) struct Charges {
+    known: HashMap<Uuid, Charge>,
+    lookup: Option<Lookup>,
+}
 
 impl Charges {
-    /// Charges a record so.
-    pub(super) fn set(&mut self, id: Uuid, charge: Charge) {
-        self.0.insert(id, charge);
+    /// Asks `lookup` for all records; on the pool only, for it may wait for the registry.
+    pub(super) fn asking(lookup: Lookup) -> Self {
+        Self { known: HashMap::new(), lookup: Some(lookup) }
     }
 
     /// What a record is charged for.
-    pub(super) fn of(&self, id: Uuid) -> Charge {
-        self.0.get(&id).copied().unwrap_or_default()
+    pub(super) fn of(&mut self, id: Uuid) -> Charge {
+        let lookup = &self.lookup;
+        let ask = || lookup.as_ref().and_then(|lookup| lookup(id)).unwrap_or_default();
+        *self.known.entry(id).or_insert_with(ask)
     }
 }
 
@@ -131,5 +141,22 @@ mod tests {
                 assert!((alone - n as f64).abs() < 1e-9, "{n} {live}");
             }
         }
+    }
+
+    #[test]
+    fn each_record_is_asked_about_once_and_charged_as_usual_where_nobody_knows() {
+        let asked = Arc::new(std::sync::atomic::AtomicU64::new(0));
+        let counter = asked.clone();
+        let known = Uuid::from_u128(7);
+        let mut charges = Charges::asking(Arc::new(move |id| {
+            counter.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            (id == known).then_some(Charge { questions: 3, ..Charge::default() })
+        }));
+        for _ in 0..3 {
+            assert_eq!(charges.of(known).questions, 3);
+            assert_eq!(charges.of(Uuid::nil()), Charge::default());
+        }
+        assert_eq!(asked.load(std::sync::atomic::Ordering::Relaxed), 2);
+        assert_eq!(Charges::default().of(known), Charge::default());
     }
 }

@@ -152,6 +152,10 @@ impl Climb {
         counted: f64,
     ) {
         let id = Uuid::from_u128(candidate.id);
+        // (Most are no match whatever they are charged for, and need not be asked about.)
+        if candidate.log10_bound + counted.log10() >= self.thresholds.inconclusive {
+            return;
+        }
         let charge = self.charges.of(id);
         let found =
             Found { id, stage, frame, candidate, counted, charge, log10_fp: 0.0 }.charged(charge);

@@ -155,7 +155,7 @@ impl Service {
         let known = named.clone();
         // Held until the verdict is kept: a verification that began is not refused half-way.
         let slot = self.admit()?;
-        let questions = self.questions(question, named.as_deref()).await?;
+        let questions = self.questions(question, named.as_deref());
         let charges = questions.charges().clone();
         let (read, begun) = self
             .run(&slot, bytes, move |allowed| {

@@ -1,12 +1,15 @@
 //! Questions: which records a verification asks about, and what that costs.
 //!
-//! The stages run with what this question will cost the records that the request names, if no other is
-//! answered before it. When the answer is ready, the question is counted, durably, for these records
+//! The stages run with what this question will cost a record, if no other is answered before it. When
+//! the answer is ready, the question is counted, durably, for these records
 //! and for those that the answer names, and what it then costs is what is charged. A data directory
 //! that is only read is not changed: each question there costs what the next one would. Who has the
 //! directory can ask as often as he likes.
 
+use std::sync::Arc;
+
 use sha2::{Digest, Sha256};
+use tokio::runtime::Handle;
 use uuid::Uuid;
 
 use super::super::{Service, ServiceError};
@@ -16,7 +19,6 @@ use super::ladder::Found;
 use super::named::Named;
 
 /// What a verification asks about.
-#[derive(Debug)]
 pub(super) struct Questions {
     /// Identifies the question: the file and the way it is asked about.
     question: [u8; 32],
@@ -24,7 +26,7 @@ pub(super) struct Questions {
     about: Vec<Uuid>,
     /// There is one, and it is named by its id.
     alone: bool,
-    /// What is known of them beforehand.
+    /// What it would cost a record now.
     charges: Charges,
 }
 
@@ -51,22 +53,27 @@ pub(super) fn identify(request: &VerifyRequest) -> [u8; 32] {
 
 impl Service {
     /// What a request asks about, before it is answered.
-    pub(super) async fn questions(
-        &self,
+    pub(super) fn questions(
+        self: &Arc<Self>,
         question: [u8; 32],
         named: Option<&Named>,
-    ) -> Result<Questions, ServiceError> {
+    ) -> Questions {
         let few = named.filter(|named| named.ids().len() <= NEARLY);
         let ids = few.map(Named::ids).unwrap_or_default();
         let about: Vec<Uuid> = ids.iter().map(|&id| Uuid::from_u128(id)).collect();
         let alone = named.is_some_and(Named::by_id);
-        let mut charges = Charges::default();
-        for &id in &about {
-            let tally = self.registry.tally(id).await?;
-            let nth = self.registry.question(id, &question).await?;
-            charges.set(id, Charge::new(&tally, Some(nth), alone));
-        }
-        Ok(Questions { question, about, alone, charges })
+        let (service, runtime) = (self.clone(), Handle::current());
+        let lookup = move |id| {
+            let registry = &service.registry;
+            let known =
+                async { (registry.tally(id).await, registry.question(id, &question).await) };
+            match runtime.block_on(known) {
+                (Ok(tally), Ok(nth)) => Some(Charge::new(&tally, Some(nth), alone)),
+                // What the registry does not tell now, it must before the answer.
+                _ => None,
+            }
+        };
+        Questions { question, about, alone, charges: Charges::asking(Arc::new(lookup)) }
     }
 
     /// Counts the question that is about to be answered and charges what was found; which question it
