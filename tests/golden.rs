@@ -21,11 +21,12 @@ use std::sync::Arc;
 use quadmark::formats::{Asset, Format, Limits};
 use quadmark::marking::{MarkRequest, Marked, MaxDistortion, extract_file, mark, mark_within};
 use quadmark::mesh::Mesh;
+use quadmark::mesh::surface::Surface;
 use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{
-    BitCount, Codeword, CodewordIndex, Effort, EmbedParams, GroupKey, HostFilter, Hypothesis,
-    MarkKey, Message, Method, Modulation, Schedule, Sighting, Strength, Suspect, Worth,
-    synchronise,
+    BitCount, Codeword, CodewordIndex, Effort, EmbedParams, Embedding, GroupKey, Host, HostFilter,
+    Hypothesis, MarkKey, Message, Method, Modulation, Schedule, Sighting, Strength, Suspect, Worth,
+    embed, synchronise,
 };
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -124,12 +125,13 @@ fn params(method: Method, strength: f64, bits: u32) -> EmbedParams {
 /// A mark in single precision, as GLB stores it.
 fn marked(
     mesh: &Mesh,
+    key: &MarkKey,
     params: EmbedParams,
     by: impl FnOnce(&[u8], &MarkRequest<'_>) -> Marked,
 ) -> (Value, Mesh) {
     let host = to_glb(&read(&to_obj(mesh)));
     let request = MarkRequest {
-        key: &MarkKey::from_bytes(counting()),
+        key,
         message: &message(params.bits),
         params,
         limits: Limits::default(),
@@ -151,6 +153,32 @@ fn marked(
     (facts, mesh)
 }
 
+/// What an embedding in single precision did that its report does not say.
+fn embedded(mesh: &Mesh, key: &MarkKey, params: EmbedParams) -> Embedding {
+    let mesh = read(&to_glb(&read(&to_obj(mesh))));
+    let surface = Surface::new(&mesh);
+    let round = |positions: &mut [glam::DVec3]| {
+        for p in positions {
+            *p = p.as_vec3().as_dvec3();
+        }
+    };
+    let host = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &round };
+    embed(host, &Codeword::new(key, &message(params.bits)), &params, &|| false).unwrap()
+}
+
+/// A mark whose allocation does not settle: the paper's method of the same modulation takes over.
+fn fallen_back(mesh: &Mesh, key: u8, exact: Method, paper: Method) -> Value {
+    let key = MarkKey::from_bytes([key; 32]);
+    let by = |method| {
+        let plain = |host: &[u8], request: &MarkRequest<'_>| mark(host, request).unwrap();
+        marked(mesh, &key, params(method, 0.02, 256), plain)
+    };
+    let ((asked, asked_mesh), (_, paper_mesh)) = (by(exact), by(paper));
+    assert_eq!(asked["method_used"], paper.name(), "{exact} did not fall back");
+    assert_eq!(positions(&asked_mesh), positions(&paper_mesh), "{exact} and {paper}");
+    asked
+}
+
 /// Each triangle cut beside its corners: all vertices have edges as short as that.
 fn with_short_edges(mesh: &Mesh) -> Mesh {
     let mut positions = mesh.positions().to_vec();
@@ -166,25 +194,57 @@ fn with_short_edges(mesh: &Mesh) -> Mesh {
     Mesh::new(positions, triangles).unwrap()
 }
 
+/// A scan's noise: each coordinate off by up to `amount`, always alike.
+fn rough(mesh: &Mesh, amount: f64) -> Mesh {
+    let mut state = 0_u64;
+    let mut noise = || {
+        // Knuth's MMIX generator; the upper bits of it.
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let unit = f64::from(u32::try_from(state >> 32).unwrap()) / f64::from(u32::MAX);
+        amount * (2.0 * unit - 1.0)
+    };
+    let moved = mesh.positions().iter().map(|p| *p + glam::DVec3::new(noise(), noise(), noise()));
+    Mesh::new(moved.collect(), mesh.triangles().to_vec()).unwrap()
+}
+
 /// Where the arithmetic goes elsewhere than in a small mesh.
 fn cases() -> Value {
     let plain = |host: &[u8], request: &MarkRequest<'_>| mark(host, request).unwrap();
+    let key = &MarkKey::from_bytes(counting());
     let large = Sample::Blob.mesh(24_000).unwrap();
-    let (large, _) = marked(&large, params(Method::ExactMean, 0.1, 64), plain);
+    let (large, _) = marked(&large, key, params(Method::ExactMean, 0.1, 64), plain);
     assert!(large["vertices"].as_u64().unwrap() > 20_000);
     let small = Sample::Blob.mesh(3_000).unwrap();
     let limit = MaxDistortion::new(6e-5).unwrap();
-    let (within, _) = marked(&small, params(Method::ExactMean, 0.1, 32), |host, request| {
+    let (within, _) = marked(&small, key, params(Method::ExactMean, 0.1, 32), |host, request| {
         mark_within(host, request, limit, Strength::MAX).unwrap()
     });
     // The exact method moves no vertex by more than half its shortest edge: the loop runs long.
     let cut = with_short_edges(&Sample::Blob.mesh(2_000).unwrap());
-    let (short_edges, _) = marked(&cut, params(Method::ExactMean, 0.1, 32), plain);
+    let (short_edges, _) = marked(&cut, key, params(Method::ExactMean, 0.1, 32), plain);
     assert!(short_edges["rounds"].as_u64().unwrap() > 10, "{short_edges}");
-    // Flanks so finely divided that triangles turn over where nothing stiffens them.
-    let dense = Sample::Gear.mesh(12_000).unwrap();
-    let (dense, _) = marked(&dense, params(Method::ExactVar, 0.2, 64), plain);
-    json!({ "large": large, "max_distortion": within, "short_edges": short_edges, "dense": dense })
+    // A dense, noisy scan: its edges are about 0.03 long, and triangles turn over where nothing
+    // stiffens their corners.
+    let dense_host = rough(&Sample::Blob.mesh(12_000).unwrap(), 0.013);
+    let dense_params = params(Method::ExactMean, 0.2, 64);
+    let (mut dense, dense_mesh) = marked(&dense_host, key, dense_params, plain);
+    // The guard stiffens corners of triangles that their moves turned over, and none else.
+    let guarded = embedded(&dense_host, key, dense_params);
+    assert_eq!(guarded.positions, dense_mesh.positions());
+    assert!(guarded.stiffened > 0 && dense["flipped"] == 0, "{} {dense}", guarded.stiffened);
+    dense["stiffened"] = json!(guarded.stiffened);
+    // Dear bins, to which the budget leaves little margin, and vertices that stray over their edges.
+    let [blob, gear] = [(Sample::Blob, 3_000), (Sample::Gear, 8_000)]
+        .map(|(sample, vertices)| sample.mesh(vertices).unwrap());
+    json!({
+        "large": large,
+        "max_distortion": within,
+        "short_edges": short_edges,
+        "dense": dense,
+        "fallen_back_mean": fallen_back(&gear, 32, Method::ExactMean, Method::QspMean),
+        "fallen_back_var": fallen_back(&blob, 137, Method::ExactVar, Method::QspVar),
+    })
 }
 
 /// Numbers to the bit.
@@ -199,9 +259,10 @@ fn verdict() -> Value {
     let params = params(Method::ExactMean, 0.1, 64);
     let host = Sample::Blob.mesh(6_000).unwrap();
     let host = read(&to_glb(&read(&to_obj(&host))));
-    let (_, mesh) = marked(&host, params, |host, request| mark(host, request).unwrap());
+    let key = MarkKey::from_bytes(counting());
+    let (_, mesh) = marked(&host, &key, params, |host, request| mark(host, request).unwrap());
     let modulation = params.method.modulation();
-    let own = Codeword::new(&MarkKey::from_bytes(counting()), &message(params.bits));
+    let own = Codeword::new(&key, &message(params.bits));
     let mut index = CodewordIndex::default();
     index.insert(0, modulation, &own);
     for other in 1..=50_u8 {

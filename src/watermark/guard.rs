@@ -40,6 +40,12 @@ impl Stiffness {
     pub fn of(&self, carrier: usize) -> f64 {
         self.factors.get(carrier).copied().unwrap_or(1.0)
     }
+
+    /// How many carriers are stiffened: corners of triangles that their moves turned over.
+    #[must_use]
+    pub fn stiffened(&self) -> usize {
+        self.factors.iter().filter(|&&factor| factor > 1.0).count()
+    }
 }
 
 /// The carriers of one pass.
