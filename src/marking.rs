@@ -5,6 +5,7 @@
 //! parsed again from nothing, extracted blindly and compared, and independent readers must find
 //! the same topology as in the host.
 
+mod fit;
 mod inspect;
 mod within;
 
@@ -211,13 +212,13 @@ fn mark_by(
     let cancelled = || if stop() { Err(WatermarkError::Cancelled) } else { Ok(()) };
     cancelled()?;
     let codeword = Codeword::new(key, message);
-    let probe = Codeword::probe(params.bits);
+    let probes = within::PROBES.map(|number| Codeword::probe(params.bits, number));
     let (bytes, fitted, carriers) = {
         let surface = Surface::new(asset.mesh());
         let with_step = |whose, strength, step| {
             let codeword = match whose {
                 Whose::Own => &codeword,
-                Whose::Probe => &probe,
+                Whose::Probe(place) => &probes[place],
             };
             let round = |positions: &mut [glam::DVec3]| asset.with_step(step).round(positions);
             let (mesh, surface, pinned) = (asset.mesh(), &surface, asset.pinned());
