@@ -6,8 +6,8 @@ use std::fmt;
 use super::crop::{Of, crop};
 use super::remesh::{Remeshing, remesh};
 use super::{
-    AttackError, Target, collude, noise, quantise, re_mark, reorder, round_trip, similarity,
-    simplify, smooth, spikes, subdivide,
+    AttackError, Target, collude, cotangent, fragment, noise, quantise, re_mark, reorder,
+    round_trip, similarity, simplify, smooth, spikes, subdivide, voxel,
 };
 use crate::lab::random::Random;
 use crate::mesh::Mesh;
@@ -38,12 +38,23 @@ pub enum Attack {
         /// How often.
         iterations: u32,
     },
+    /// [`smooth::taubin`] with [`smooth::TAUBIN`], this often.
+    Taubin(u32),
+    /// [`cotangent::cotangent`].
+    Cotangent {
+        /// Share of the way to the neighbours' weighted mean.
+        lambda: f64,
+        /// How often.
+        iterations: u32,
+    },
     /// [`quantise::quantise`] to this many bits.
     Quantise(u32),
     /// [`simplify::simplify`], this share of the triangles removed.
     Simplify(f64),
     /// [`remesh::remesh`] to this share of the vertices.
     Remesh(f64),
+    /// [`voxel::voxel`] with cells of this share of the diagonal.
+    Voxel(f64),
     /// [`subdivide::midpoint`].
     Midpoint,
     /// [`subdivide::butterfly`].
@@ -54,6 +65,8 @@ pub enum Attack {
     Sqrt3,
     /// [`crop`] of this share.
     Crop(f64, Of),
+    /// [`fragment::fragment`] of this share of the triangles.
+    Fragment(f64),
     /// [`similarity::similarity`].
     Similarity,
     /// [`reorder::reorder`].
@@ -91,16 +104,22 @@ impl Attack {
             Self::Noise(share) => noise::unit_vectors(marked, share, seed),
             Self::UniformNoise(amplitude) => noise::uniform_coordinates(marked, amplitude, seed),
             Self::Smooth { lambda, iterations } => {
-                smooth::laplacian(marked, lambda, usize::try_from(iterations).unwrap_or(usize::MAX))
+                smooth::laplacian(marked, lambda, iterations as usize)
+            }
+            Self::Taubin(iterations) => smooth::taubin(marked, smooth::TAUBIN, iterations as usize),
+            Self::Cotangent { lambda, iterations } => {
+                cotangent::cotangent(marked, lambda, iterations as usize)
             }
             Self::Quantise(bits) => quantise::quantise(marked.mesh(), bits),
             Self::Simplify(share) => simplify::simplify(marked, share),
             Self::Remesh(share) => remesh(marked, &Remeshing::to_share(share)),
+            Self::Voxel(share) => voxel::voxel(marked, share, seed),
             Self::Midpoint => subdivide::midpoint(marked),
             Self::Butterfly => subdivide::butterfly(marked),
             Self::Loop => subdivide::loop_scheme(marked),
             Self::Sqrt3 => subdivide::sqrt3(marked),
             Self::Crop(share, of) => crop(marked, share, of, seed),
+            Self::Fragment(share) => fragment::fragment(marked, share, seed),
             Self::Similarity => similarity::similarity(marked, seed),
             Self::Reorder => reorder::reorder(marked.mesh(), seed),
             Self::StrayVertices(count) => spikes::stray_vertices(marked, count as usize, seed),
@@ -119,15 +138,19 @@ impl Attack {
             Self::Noise(_) => "noise",
             Self::UniformNoise(_) => "uniform-noise",
             Self::Smooth { .. } => "smoothing",
+            Self::Taubin(_) => "taubin-smoothing",
+            Self::Cotangent { .. } => "cotangent-smoothing",
             Self::Quantise(_) => "quantisation",
             Self::Simplify(_) => "simplification",
             Self::Remesh(_) => "remeshing",
+            Self::Voxel(_) => "voxel",
             Self::Midpoint => "midpoint",
             Self::Butterfly => "butterfly",
             Self::Loop => "loop",
             Self::Sqrt3 => "sqrt3",
             Self::Crop(_, Of::Vertices) => "cropping",
             Self::Crop(_, Of::Area) => "area-cropping",
+            Self::Fragment(_) => "fragment",
             Self::Similarity => "similarity",
             Self::Reorder => "reordering",
             Self::StrayVertices(_) => "stray-vertices",
@@ -146,8 +169,12 @@ impl Attack {
             | Self::UniformNoise(share)
             | Self::Simplify(share)
             | Self::Remesh(share)
+            | Self::Voxel(share)
+            | Self::Fragment(share)
             | Self::Crop(share, _) => Some(percent(share)),
             Self::Smooth { iterations: count, .. }
+            | Self::Taubin(count)
+            | Self::Cotangent { iterations: count, .. }
             | Self::Quantise(count)
             | Self::StrayVertices(count)
             | Self::Spikes { count, .. }
@@ -188,15 +215,26 @@ impl fmt::Display for Attack {
             Self::Noise(share) => write!(f, "noise {} %", percent(share)),
             Self::UniformNoise(share) => write!(f, "uniform noise {} %", percent(share)),
             Self::Smooth { lambda, iterations } => write!(f, "smoothing {lambda} x {iterations}"),
+            Self::Taubin(iterations) => {
+                let [lambda, mu] = smooth::TAUBIN;
+                write!(f, "Taubin smoothing {lambda}, {mu} x {iterations}")
+            }
+            Self::Cotangent { lambda, iterations } => {
+                write!(f, "cotangent smoothing {lambda} x {iterations}")
+            }
             Self::Quantise(bits) => write!(f, "quantised to {bits} bits"),
             Self::Simplify(share) => write!(f, "simplified by {} %", percent(share)),
             Self::Remesh(share) => write!(f, "remeshed to {} %", percent(share)),
+            Self::Voxel(share) => {
+                write!(f, "extracted anew, cells of {} % of the diagonal", percent(share))
+            }
             Self::Midpoint => f.write_str("subdivided, midpoint"),
             Self::Butterfly => f.write_str("subdivided, butterfly"),
             Self::Loop => f.write_str("subdivided, Loop"),
             Self::Sqrt3 => f.write_str("subdivided, sqrt3"),
             Self::Crop(share, Of::Vertices) => write!(f, "cropped by {} %", percent(share)),
             Self::Crop(share, Of::Area) => write!(f, "cropped by {} % of the area", percent(share)),
+            Self::Fragment(share) => write!(f, "fragment of {} %", percent(share)),
             Self::Similarity => f.write_str("moved, turned, scaled"),
             Self::Reorder => f.write_str("reordered"),
             Self::StrayVertices(count) => write!(f, "{count} stray vertices"),

@@ -9,8 +9,11 @@
 
 mod attack;
 pub mod collude;
+pub mod cotangent;
 pub mod crop;
 pub(in crate::lab) mod edges;
+pub mod fragment;
+mod isosurface;
 pub mod noise;
 pub mod quantise;
 pub mod re_mark;
@@ -23,6 +26,7 @@ pub mod smooth;
 pub mod spikes;
 pub mod subdivide;
 mod target;
+pub mod voxel;
 
 use glam::DVec3;
 

@@ -1,4 +1,4 @@
-//! Laplacian smoothing.
+//! Smoothing: the umbrella alone, after Taubin without its shrinking, and with cotangent weights.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -20,16 +20,39 @@ use crate::mesh::surface::Surface;
 /// # Errors
 /// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when a `lambda` above 1 makes it diverge.
 pub fn laplacian(target: &Target<'_>, lambda: f64, iterations: usize) -> Result<Mesh, AttackError> {
+    let steps = std::iter::repeat_n(lambda, iterations);
+    umbrella(target, steps)
+}
+
+/// Lambda and mu as `MeshLab` has them by default.
+pub const TAUBIN: [f64; 2] = [0.5, -0.53];
+
+/// Smooths by `lambda` as [`laplacian`] does, then by the negative `mu`, `iterations` times both: a
+/// low pass that does not shrink where `0 < lambda < -mu` (Taubin, *A signal processing approach to
+/// fair surface design*, SIGGRAPH 1995; the pass band of [`TAUBIN`] ends at `1/lambda + 1/mu = 0.11`).
+///
+/// # Errors
+/// As [`laplacian`].
+pub fn taubin(
+    target: &Target<'_>,
+    [lambda, mu]: [f64; 2],
+    iterations: usize,
+) -> Result<Mesh, AttackError> {
+    umbrella(target, (0..iterations).flat_map(|_| [lambda, mu]))
+}
+
+/// Moves every point by each of `steps` times the way to the mean of its neighbours.
+fn umbrella(target: &Target<'_>, steps: impl Iterator<Item = f64>) -> Result<Mesh, AttackError> {
     let mut now = target.surface()?.positions.clone();
     let rings = target.rings();
     let mut next = now.clone();
-    for _ in 0..iterations {
+    for step in steps {
         target.go_on()?;
         next.par_iter_mut().with_min_len(4096).enumerate().for_each(|(vertex, next)| {
             let old = now[vertex];
             let ring = rings.of(vertex);
             let sum = ring.iter().fold(DVec3::ZERO, |sum, &v| sum + now[v as usize]);
-            *next = old + lambda * (sum / ring.len() as f64 - old);
+            *next = old + step * (sum / ring.len() as f64 - old);
         });
         std::mem::swap(&mut now, &mut next);
     }
@@ -66,7 +89,7 @@ impl Rings {
         rings
     }
 
-    fn of(&self, vertex: usize) -> &[u32] {
+    pub(super) fn of(&self, vertex: usize) -> &[u32] {
         &self.members[self.starts[vertex]..self.starts[vertex + 1]]
     }
 }

@@ -42,7 +42,7 @@ fn relative_mrms(a: &Mesh, b: &Mesh) -> f64 {
     d.mrms / d.diagonal
 }
 
-const ALL: [Attack; 21] = [
+const ALL: [Attack; 25] = [
     Attack::None,
     Attack::Noise(0.003),
     Attack::UniformNoise(0.003),
@@ -64,6 +64,10 @@ const ALL: [Attack; 21] = [
     Attack::ReMark,
     Attack::RoundTrip,
     Attack::Smooth { lambda: 0.1, iterations: 30 },
+    Attack::Taubin(10),
+    Attack::Cotangent { lambda: 0.5, iterations: 3 },
+    Attack::Voxel(0.02),
+    Attack::Fragment(0.1),
 ];
 
 #[test]
@@ -117,7 +121,10 @@ fn seams_do_not_crack() {
     let params = EmbedParams::default();
     let context = Context { host: &soup, params: &params };
     for attack in ALL {
-        if matches!(attack, Attack::Collude(_) | Attack::ReMark | Attack::Crop(..)) {
+        if matches!(
+            attack,
+            Attack::Collude(_) | Attack::ReMark | Attack::Crop(..) | Attack::Fragment(_)
+        ) {
             continue;
         }
         let attacked = attack.apply(&Target::new(&soup), &context, 9).unwrap();
@@ -142,6 +149,121 @@ fn smoothing_draws_to_the_neighbours() {
     // (self + two neighbours at 60 degrees) / 3 is at 2/3 of the radius.
     let radius = smooth.positions()[1].length();
     assert!((radius - (1.0_f64 - 0.25 / 3.0).powi(2)).abs() < 1e-12, "{radius}");
+}
+
+/// A ball of radius 1 with a random ripple.
+fn rippled_ball() -> Mesh {
+    let host = blob();
+    let mut random = crate::lab::random::Random::new(8);
+    let rippled = |p: &DVec3| p.normalize() * (1.0 + 0.003 * random.symmetric());
+    let positions = host.positions().iter().map(rippled).collect();
+    Mesh::new(positions, host.triangles().to_vec()).unwrap()
+}
+
+fn mean_radius(mesh: &Mesh) -> f64 {
+    mesh.positions().iter().map(|p| p.length()).sum::<f64>() / mesh.positions().len() as f64
+}
+
+fn roughness(mesh: &Mesh) -> f64 {
+    let mean = mean_radius(mesh);
+    let squares = mesh.positions().iter().map(|p| (p.length() - mean).powi(2));
+    (squares.sum::<f64>() / mesh.positions().len() as f64).sqrt()
+}
+
+#[test]
+fn taubin_smoothing_takes_ripples_and_leaves_the_size() {
+    let rippled = rippled_ball();
+    let target = Target::new(&rippled);
+    let taubin = smooth::taubin(&target, smooth::TAUBIN, 50).unwrap();
+    let umbrella = smooth::laplacian(&target, 0.5, 50).unwrap();
+    assert!(roughness(&taubin) < 0.6 * roughness(&rippled), "{}", roughness(&taubin));
+    let shrunk = |mesh: &Mesh| 1.0 - mean_radius(mesh) / mean_radius(&rippled);
+    assert!(shrunk(&umbrella) > 0.02, "{}", shrunk(&umbrella));
+    assert!(shrunk(&taubin).abs() < 0.25 * shrunk(&umbrella), "{}", shrunk(&taubin));
+}
+
+#[test]
+fn cotangent_smoothing_moves_along_the_normal_only() {
+    // A plane in triangles of many shapes: nothing is rough, so nothing moves, where the umbrella
+    // slides every point.
+    let n = 12_u32;
+    let mut random = crate::lab::random::Random::new(3);
+    let positions = (0..n * n).map(|i| {
+        let inner = |x: u32| if (1..n - 1).contains(&x) { 0.25 } else { 0.0 };
+        let [x, y] = [i % n, i / n];
+        let wobble = |random: &mut crate::lab::random::Random| {
+            inner(x) * inner(y) * 4.0 * random.symmetric()
+        };
+        DVec3::new(f64::from(x) + wobble(&mut random), f64::from(y) + wobble(&mut random), 0.0)
+    });
+    let triangles = (0..n - 1).flat_map(|y| {
+        (0..n - 1).flat_map(move |x| {
+            let v = y * n + x;
+            [[v, v + 1, v + n + 1], [v, v + n + 1, v + n]]
+        })
+    });
+    let plane = Mesh::new(positions.collect(), triangles.collect()).unwrap();
+    let target = Target::new(&plane);
+    let inner = |v: usize| (3..9).contains(&(v % 12)) && (3..9).contains(&(v / 12));
+    let slid = |mesh: &Mesh| {
+        let pairs = mesh.positions().iter().zip(plane.positions()).enumerate();
+        pairs.filter(|(v, _)| inner(*v)).map(|(_, (a, b))| a.distance(*b)).fold(0.0, f64::max)
+    };
+    let even = cotangent::cotangent(&target, 0.5, 1).unwrap();
+    let umbrella = smooth::laplacian(&target, 0.5, 1).unwrap();
+    assert!(slid(&umbrella) > 0.1);
+    assert!(slid(&even) < 0.5 * slid(&umbrella), "{} {}", slid(&even), slid(&umbrella));
+
+    let rippled = rippled_ball();
+    let smooth = cotangent::cotangent(&Target::new(&rippled), 0.5, 10).unwrap();
+    assert!(roughness(&smooth) < 0.6 * roughness(&rippled), "{}", roughness(&smooth));
+}
+
+#[test]
+fn voxel_extraction_gives_a_new_closed_surface_within_a_cell() {
+    for (sample, euler) in [(Sample::Blob, 2), (Sample::Knot, 0), (Sample::Gear, 0)] {
+        let host = sample.mesh(6000).unwrap();
+        let diagonal = Surface::new(&host).diagonal();
+        for share in [0.02, 0.01] {
+            let new = voxel::voxel(&Target::new(&host), share, 4).unwrap();
+            assert_eq!(topology(&new), (euler, 0), "{sample} {share}");
+            let d = distortion(&Surface::new(&host), &Surface::new(&new), 20_000).unwrap();
+            assert!(d.hausdorff < share * diagonal, "{sample} {share}: {}", d.hausdorff);
+            assert!(d.mrms < 0.3 * share * diagonal, "{sample} {share}: {}", d.mrms);
+        }
+        let [one, other] = [1, 2].map(|seed| voxel::voxel(&Target::new(&host), 0.02, seed));
+        assert_ne!(one, other);
+    }
+}
+
+#[test]
+fn voxel_extraction_keeps_open_surfaces_open() {
+    let host = Sample::Blob.mesh(6000).unwrap();
+    let half = crop::crop(&Target::new(&host), 0.5, Of::Vertices, 1).unwrap();
+    let new = voxel::voxel(&Target::new(&half), 0.02, 4).unwrap();
+    let cell = 0.02 * Surface::new(&half).diagonal();
+    let closest = crate::mesh::closest::Closest::new(&Surface::new(&half)).unwrap();
+    assert!(new.positions().iter().all(|&p| closest.distance(p) < cell));
+    let back = crate::mesh::closest::Closest::new(&Surface::new(&new)).unwrap();
+    assert!(half.positions().iter().all(|&p| back.distance(p) < 2.0 * cell));
+    let (euler, open) = topology(&new);
+    assert!(euler == 1 && open > 50, "{euler} {open}");
+}
+
+#[test]
+fn a_fragment_is_the_asked_share_around_one_place() {
+    let host = Sample::Knot.mesh(5000).unwrap();
+    let diagonal = Surface::new(&host).diagonal();
+    for share in [0.1, 0.02] {
+        let [one, other] =
+            [1, 2].map(|seed| fragment::fragment(&Target::new(&host), share, seed).unwrap());
+        assert_ne!(one, other);
+        assert_eq!(one.triangles().len(), share_of(host.triangles().len(), share));
+        assert!(Surface::new(&one).diagonal() < 0.7 * diagonal);
+        assert!(one.positions().iter().all(|p| host.positions().contains(p)));
+    }
+    let least = fragment::fragment(&Target::new(&host), 0.0, 1).unwrap();
+    assert_eq!(least.triangles().len(), 1);
 }
 
 #[test]
