@@ -14,10 +14,11 @@ use serde::{Serialize, Serializer};
 use crate::formats::{Agreement, Asset, Format, FormatError, Limits, Written, agrees};
 use crate::mesh::Mesh;
 use crate::mesh::quality::{Quality, quality_until};
+use crate::mesh::stop::Stop;
 use crate::mesh::surface::Surface;
 use crate::watermark::{
     BitCount, Codeword, EmbedParams, Embedding, Extraction, Frame, Host, MarkKey, Message, Method,
-    Modulation, Strength, WatermarkError, embed, extract_from_surface, needed_bins,
+    Modulation, Strength, WatermarkError, embed, extract_from_surface, extract_until, needed_bins,
 };
 
 pub use inspect::{Inspection, inspect, inspect_asset, inspect_asset_until};
@@ -61,7 +62,7 @@ pub struct MarkRequest<'a> {
     pub params: EmbedParams,
     /// Limits of the parser.
     pub limits: Limits,
-    /// Asked between stages; `true` gives up with [`WatermarkError::Cancelled`].
+    /// Asked between stages and within them; `true` gives up with [`WatermarkError::Cancelled`].
     pub stop: &'a (dyn Fn() -> bool + Sync),
     /// Files up to this size are also opened in an independent reader.
     pub independent_check_max_bytes: usize,
@@ -214,20 +215,22 @@ fn mark_by(
     let codeword = Codeword::new(key, message);
     let probes = within::PROBES.map(|number| Codeword::probe(params.bits, number));
     let (bytes, fitted, carriers) = {
-        let surface = Surface::new(asset.mesh());
+        let surface = Surface::new_until(asset.mesh(), stop).ok_or(WatermarkError::Cancelled)?;
         let with_step = |whose, strength, step| {
             let codeword = match whose {
                 Whose::Own => &codeword,
                 Whose::Probe(place) => &probes[place],
             };
-            let round = |positions: &mut [glam::DVec3]| asset.with_step(step).round(positions);
+            let round = |positions: &mut [glam::DVec3]| {
+                asset.with_step(step).round_until(positions, stop);
+            };
             let (mesh, surface, pinned) = (asset.mesh(), &surface, asset.pinned());
             let seen = Host { mesh, surface, pinned, round: &round };
             let embedding = embed(seen, codeword, &EmbedParams { strength, ..params }, stop)?;
             let quality = quality_of(surface, &embedding.positions, stop)?;
             Ok(Made { embedding, quality, strength, step })
         };
-        let width = bin_width(&surface, params.bits);
+        let width = bin_width(&surface, params.bits, stop).ok_or(WatermarkError::Cancelled)?;
         let fitted = choose(&|whose, strength| {
             let step = STEP * strength.get() * width;
             match with_step(whose, strength, step) {
@@ -241,7 +244,8 @@ fn mark_by(
             }
         })?;
         let made = &fitted.made;
-        let written = asset.with_step(made.step).write(host, &made.embedding.positions)?;
+        let stepped = asset.with_step(made.step);
+        let written = stepped.write_until(host, &made.embedding.positions, stop)?;
         (written, fitted, surface.positions.len())
     };
     let Written { bytes, more_decimals } = bytes;
@@ -275,10 +279,11 @@ fn mark_by(
     Ok(Marked { bytes, format, host: asset.into_mesh(), host_frame, report })
 }
 
-/// Width of a bin in the host's own frame.
-fn bin_width(surface: &Surface, bits: BitCount) -> f64 {
-    let norms = crate::watermark::bins::norms(&surface.positions, surface.centre());
-    Frame::spanning(surface.centre(), &norms).radial_extent() / bits.get() as f64
+/// Width of a bin in the host's own frame; `None` once `stop` answers `true`.
+fn bin_width(surface: &Surface, bits: BitCount, stop: Stop<'_>) -> Option<f64> {
+    let centre = surface.centre_until(stop)?;
+    let norms = crate::watermark::bins::norms(&surface.positions, centre);
+    Some(Frame::spanning(centre, &norms).radial_extent() / bits.get() as f64)
 }
 
 /// Measures positions of file vertices, as they will be written, against the host.
@@ -304,14 +309,15 @@ fn check(
     positions: &[glam::DVec3],
     request: &MarkRequest<'_>,
 ) -> Result<(), MarkError> {
-    let again = Asset::read(bytes, &request.limits)?;
+    let stop = request.stop;
+    let again = Asset::read_until(bytes, &request.limits, stop)?;
     if again.mesh().positions() != positions {
         return Err(MarkError::Check("the positions differ from those that were written".into()));
     }
     let params = &request.params;
-    let surface = Surface::new(again.mesh());
+    let surface = Surface::new_until(again.mesh(), stop).ok_or(WatermarkError::Cancelled)?;
     let modulation = params.method.modulation();
-    let found = extract_from_surface(&surface, request.key, params.bits, modulation)?;
+    let found = extract_until(&surface, request.key, params.bits, modulation, stop)?;
     let wanted = request.message.bits();
     let wrong =
         found.bits.iter().zip(wanted).filter(|(read, meant)| read.is_some_and(|b| b != **meant));

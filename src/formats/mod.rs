@@ -14,6 +14,7 @@ mod sniff;
 
 use glam::DVec3;
 
+use crate::mesh::stop::Stop;
 use crate::mesh::{Mesh, MeshError};
 
 pub use independent::{Agreement, agrees};
@@ -170,9 +171,6 @@ impl From<MeshError> for FormatError {
     }
 }
 
-/// Whether to give up.
-type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
-
 fn go_on(stop: Stop<'_>) -> Result<(), FormatError> {
     if stop() { Err(FormatError::Cancelled) } else { Ok(()) }
 }
@@ -309,10 +307,15 @@ impl Stepped<'_> {
     ///
     /// `positions` has one entry per vertex of [`Asset::mesh`].
     pub fn round(&self, positions: &mut [DVec3]) {
+        self.round_until(positions, &|| false);
+    }
+
+    /// The same; worth nothing once `stop` answers `true`.
+    pub fn round_until(&self, positions: &mut [DVec3], stop: Stop<'_>) {
         let Asset { mesh, layout, .. } = self.asset;
         match layout {
-            Layout::Obj(layout) => layout.with_step(self.step).round(mesh, positions),
-            Layout::Gltf(layout) => layout.round(mesh, positions),
+            Layout::Obj(layout) => layout.with_step(self.step).round(mesh, positions, stop),
+            Layout::Gltf(layout) => layout.round(mesh, positions, stop),
         }
     }
 
@@ -323,11 +326,24 @@ impl Stepped<'_> {
     /// [`FormatError::ReadBack`] when `host` or `positions` do not belong to this asset, or a
     /// position cannot be represented in the file.
     pub fn write(&self, host: &[u8], positions: &[DVec3]) -> Result<Written, FormatError> {
+        self.write_until(host, positions, &|| false)
+    }
+
+    /// The same, as long as `stop` answers `false`.
+    ///
+    /// # Errors
+    /// Also [`FormatError::Cancelled`].
+    pub fn write_until(
+        &self,
+        host: &[u8],
+        positions: &[DVec3],
+        stop: Stop<'_>,
+    ) -> Result<Written, FormatError> {
         let Asset { mesh, layout, .. } = self.asset;
         match layout {
-            Layout::Obj(layout) => layout.with_step(self.step).write(host, mesh, positions),
+            Layout::Obj(layout) => layout.with_step(self.step).write(host, mesh, positions, stop),
             Layout::Gltf(layout) => {
-                Ok(Written { bytes: layout.write(host, mesh, positions)?, more_decimals: 0 })
+                Ok(Written { bytes: layout.write(host, mesh, positions, stop)?, more_decimals: 0 })
             }
         }
     }

@@ -67,7 +67,7 @@ pub fn inspect_asset(asset: &Asset, params: &EmbedParams) -> Result<Inspection, 
     inspect_asset_until(asset, params, &|| false)
 }
 
-/// The same, asking `stop` before each of the 256 lattices.
+/// The same, asking `stop` before each of the 256 lattices and in what leads to them.
 ///
 /// # Errors
 /// Also [`WatermarkError::Cancelled`].
@@ -76,8 +76,8 @@ pub fn inspect_asset_until(
     params: &EmbedParams,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Inspection, MarkError> {
-    let surface = Surface::new(asset.mesh());
-    let centre = surface.centre();
+    let surface = Surface::new_until(asset.mesh(), stop).ok_or(WatermarkError::Cancelled)?;
+    let centre = surface.centre_until(stop).ok_or(WatermarkError::Cancelled)?;
     let norms = crate::watermark::bins::norms(&surface.positions, centre);
     let frame = Frame::spanning(centre, &norms);
     let modulation = params.method.modulation();

@@ -1,5 +1,7 @@
 //! Which triangles stand around a vertex, in one flat array.
 
+use super::stop::{STEP, Stop, go_on, unstopped};
+
 /// Triangles around each carrier, ascending, as compressed rows.
 #[derive(Debug, Clone)]
 pub struct Adjacency {
@@ -13,23 +15,37 @@ impl Adjacency {
     /// `triangles` index below `vertices`; three times their number fits in a `u32`.
     #[must_use]
     pub fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
+        unstopped(|stop| Self::new_until(vertices, triangles, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(vertices: usize, triangles: &[[u32; 3]], stop: Stop<'_>) -> Option<Self> {
         let mut starts = vec![0_u32; vertices + 1];
-        for &v in triangles.iter().flatten() {
-            starts[v as usize + 1] += 1;
+        for step in triangles.chunks(STEP) {
+            go_on(stop)?;
+            for &v in step.iter().flatten() {
+                starts[v as usize + 1] += 1;
+            }
         }
         for v in 0..vertices {
             starts[v + 1] += starts[v];
         }
+        go_on(stop)?;
         let mut next = starts.clone();
         let mut around = vec![0_u32; triangles.len() * 3];
-        for (t, corners) in (0_u32..).zip(triangles) {
-            for &v in corners {
-                let slot = &mut next[v as usize];
-                around[*slot as usize] = t;
-                *slot += 1;
+        let mut numbered = (0_u32..).zip(triangles);
+        for _ in triangles.chunks(STEP) {
+            go_on(stop)?;
+            for (t, corners) in numbered.by_ref().take(STEP) {
+                for &v in corners {
+                    let slot = &mut next[v as usize];
+                    around[*slot as usize] = t;
+                    *slot += 1;
+                }
             }
         }
-        Self { starts, triangles: around }
+        Some(Self { starts, triangles: around })
     }
 
     /// Indices of the triangles at `vertex`.

@@ -11,6 +11,7 @@ pub mod powers;
 pub mod quadric;
 pub mod quality;
 pub mod sampling;
+pub mod stop;
 pub mod sum;
 pub mod surface;
 pub mod turning;

@@ -20,7 +20,7 @@ use super::adjacency::Adjacency;
 use super::distortion::SAMPLES_PER_KIND;
 use super::sampling::PLASTIC;
 use super::surface::{Surface, doubled_area};
-use super::turning::turning;
+use super::turning::turning_until;
 use crate::mesh::powers::squared;
 
 /// Samples on edges and in triangles, each. They stand for [`SAMPLES_PER_KIND`], at whose number
@@ -94,7 +94,7 @@ fn measured(
     if host.len() != moved.len() || surface.triangles.is_empty() {
         return None;
     }
-    let around = Adjacency::new(host.len(), &surface.triangles);
+    let around = Adjacency::new_until(host.len(), &surface.triangles, stop)?;
     let (triangles, around) = (surface.triangles.as_slice(), &around);
     let diagonal = surface.diagonal();
     let far = squared(FAR * diagonal);
@@ -106,7 +106,7 @@ fn measured(
         return None;
     }
     let farthest = host.iter().zip(moved).map(|(a, b)| a.distance_squared(*b)).fold(0.0, f64::max);
-    let turned = turning(surface, moved);
+    let turned = turning_until(surface, moved, stop)?;
     let quality = Quality {
         mrms: there.0.max(back.0).sqrt() / diagonal,
         hausdorff: there.1.max(back.1).sqrt() / diagonal,
@@ -221,7 +221,10 @@ impl Side<'_> {
         let blocks: Vec<(f64, f64)> = self
             .triangles
             .par_chunks(BLOCK)
-            .map(|block| block.iter().map(size).fold((0.0, 0.0), add))
+            .map(|block| {
+                let none = (0.0, 0.0);
+                if (self.stop)() { none } else { block.iter().map(size).fold(none, add) }
+            })
             .collect();
         let mut total = (0.0, 0.0);
         let mut starts = Vec::with_capacity(blocks.len());

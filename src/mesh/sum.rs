@@ -5,8 +5,13 @@
 
 use rayon::prelude::*;
 
+use super::stop::{STEP, Stop, go_on, unstopped};
+
 /// Items per block: large enough to hide the scheduling, small enough to balance.
 const BLOCK: usize = 4096;
+
+/// Blocks between two questions whether to stop.
+const BLOCKS: usize = 4 * STEP / BLOCK;
 
 /// `fold` over blocks of `items` in parallel, then `add` over the block sums in order.
 pub fn ordered_sum<T: Sync, S: Send + Sync + Copy>(
@@ -15,9 +20,24 @@ pub fn ordered_sum<T: Sync, S: Send + Sync + Copy>(
     fold: impl Fn(S, &T) -> S + Sync,
     add: impl Fn(S, S) -> S,
 ) -> S {
-    let blocks: Vec<S> =
-        items.par_chunks(BLOCK).map(|block| block.iter().fold(zero, &fold)).collect();
-    blocks.into_iter().fold(zero, add)
+    unstopped(|stop| ordered_sum_until(items, zero, fold, add, stop))
+}
+
+/// The same; `None` once `stop` answers `true`.
+#[must_use]
+pub fn ordered_sum_until<T: Sync, S: Send + Sync + Copy>(
+    items: &[T],
+    zero: S,
+    fold: impl Fn(S, &T) -> S + Sync,
+    add: impl Fn(S, S) -> S,
+    stop: Stop<'_>,
+) -> Option<S> {
+    let mut blocks: Vec<S> = Vec::with_capacity(items.len().div_ceil(BLOCK));
+    for step in items.chunks(BLOCKS * BLOCK) {
+        go_on(stop)?;
+        blocks.par_extend(step.par_chunks(BLOCK).map(|block| block.iter().fold(zero, &fold)));
+    }
+    Some(blocks.into_iter().fold(zero, add))
 }
 
 #[cfg(test)]

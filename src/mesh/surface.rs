@@ -1,11 +1,11 @@
 //! The carrier surface: welded points that a triangle of non-zero area uses, and those triangles.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::Mesh;
-use super::sum::ordered_sum;
-use super::weld::weld;
+use super::stop::{STEP, Stop, changed, chosen, go_on, unstopped};
+use super::sum::ordered_sum_until;
+use super::weld::weld_until;
 use crate::mesh::powers::squared;
 
 /// Marks a file vertex that is no carrier.
@@ -49,58 +49,78 @@ fn has_area(a: DVec3, b: DVec3, c: DVec3) -> bool {
 /// The triangles with an area, their corners as points.
 fn with_area(
     triangles: &[[u32; 3]],
+    stop: Stop<'_>,
     point: impl Fn(u32) -> u32 + Sync,
     at: impl Fn(u32) -> DVec3 + Sync,
-) -> Vec<[u32; 3]> {
-    let kept = |t: &[u32; 3]| {
+) -> Option<Vec<[u32; 3]>> {
+    chosen(triangles, stop, |_, t| {
         let [a, b, c] = t.map(&point);
         let distinct = a != b && b != c && c != a;
         (distinct && has_area(at(a), at(b), at(c))).then_some([a, b, c])
-    };
-    triangles.par_iter().with_min_len(4096).filter_map(kept).collect()
+    })
 }
 
 impl Surface {
     /// Welds, drops area-less triangles and unused points.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Self {
+        unstopped(|stop| Self::new_until(mesh, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(mesh: &Mesh, stop: Stop<'_>) -> Option<Self> {
         let file = mesh.positions();
-        let welded = weld(file);
+        let welded = weld_until(file, stop)?;
         let mut triangles = if welded.first_vertex.len() == file.len() {
             // No position stands twice: points are vertices, and nothing is looked up.
-            with_area(mesh.triangles(), |v| v, |p| file[p as usize])
+            with_area(mesh.triangles(), stop, |v| v, |p| file[p as usize])?
         } else {
             let at = |p: u32| file[welded.first_vertex[p as usize] as usize];
-            with_area(mesh.triangles(), |v| welded.point_of[v as usize], at)
+            with_area(mesh.triangles(), stop, |v| welded.point_of[v as usize], at)?
         };
 
         let mut carrier_of_point = vec![NO_CARRIER; welded.first_vertex.len()];
-        for &p in triangles.iter().flatten() {
-            carrier_of_point[p as usize] = 0;
+        for step in triangles.chunks(STEP) {
+            go_on(stop)?;
+            for &p in step.iter().flatten() {
+                carrier_of_point[p as usize] = 0;
+            }
         }
         let mut positions = Vec::with_capacity(welded.first_vertex.len());
         let mut first_vertex = Vec::with_capacity(welded.first_vertex.len());
         let mut next = 0;
-        for (carrier, &first) in carrier_of_point.iter_mut().zip(&welded.first_vertex) {
-            if *carrier != NO_CARRIER {
-                *carrier = next;
-                next += 1;
-                positions.push(file[first as usize]);
-                first_vertex.push(first);
+        let steps = carrier_of_point.chunks_mut(STEP).zip(welded.first_vertex.chunks(STEP));
+        for (carriers, firsts) in steps {
+            go_on(stop)?;
+            for (carrier, &first) in carriers.iter_mut().zip(firsts) {
+                if *carrier != NO_CARRIER {
+                    *carrier = next;
+                    next += 1;
+                    positions.push(file[first as usize]);
+                    first_vertex.push(first);
+                }
             }
         }
         if positions.len() != carrier_of_point.len() {
-            triangles.par_iter_mut().for_each(|t| *t = t.map(|p| carrier_of_point[p as usize]));
+            let renamed = |t: [u32; 3]| t.map(|p| carrier_of_point[p as usize]);
+            changed(&mut triangles, stop, |_, t| *t = renamed(*t))?;
         }
         let mut carrier_of = welded.point_of;
-        carrier_of.par_iter_mut().for_each(|p| *p = carrier_of_point[*p as usize]);
-        Self { positions, triangles, carrier_of, first_vertex }
+        changed(&mut carrier_of, stop, |_, p| *p = carrier_of_point[*p as usize])?;
+        Some(Self { positions, triangles, carrier_of, first_vertex })
     }
 
     /// The area-weighted centre at the surface's own positions.
     #[must_use]
     pub fn centre(&self) -> DVec3 {
         self.centre_at(&self.positions)
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn centre_until(&self, stop: Stop<'_>) -> Option<DVec3> {
+        self.centre_at_until(&self.positions, stop)
     }
 
     /// The area-weighted centre with the carriers at `positions` (paper eq. 3, normalised by the
@@ -111,9 +131,15 @@ impl Surface {
     /// area-weighted mean of the triangles' centroids; this form needs no per-vertex areas.
     #[must_use]
     pub fn centre_at(&self, positions: &[DVec3]) -> DVec3 {
+        unstopped(|stop| self.centre_at_until(positions, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn centre_at_until(&self, positions: &[DVec3], stop: Stop<'_>) -> Option<DVec3> {
         // Relative to one corner, so that a mesh far from the origin loses no digits.
         let origin = positions.first().copied().unwrap_or(DVec3::ZERO);
-        let (moment, area) = ordered_sum(
+        let (moment, area) = ordered_sum_until(
             &self.triangles,
             (DVec3::ZERO, 0.0),
             |(moment, area), t| {
@@ -122,8 +148,9 @@ impl Surface {
                 (moment + doubled * (a + b + c), area + doubled)
             },
             |(m, a), (n, b)| (m + n, a + b),
-        );
-        if area > 0.0 { origin + moment / (3.0 * area) } else { origin }
+            stop,
+        )?;
+        Some(if area > 0.0 { origin + moment / (3.0 * area) } else { origin })
     }
 
     /// Length of the bounding box's diagonal over the carriers: the unit of every relative

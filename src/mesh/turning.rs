@@ -1,9 +1,9 @@
 //! How far triangles turned when their corners moved.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
-use super::sum::ordered_sum;
+use super::stop::{Stop, chosen, unstopped};
+use super::sum::ordered_sum_until;
 use super::surface::{Surface, doubled_area};
 
 /// How far the triangles of a surface turned.
@@ -18,7 +18,13 @@ pub struct Turning {
 /// Compares the triangles' normals with the carriers at `moved` to those of the surface.
 #[must_use]
 pub fn turning(surface: &Surface, moved: &[DVec3]) -> Turning {
-    let (turned, area, flipped) = ordered_sum(
+    unstopped(|stop| turning_until(surface, moved, stop))
+}
+
+/// The same; `None` once `stop` answers `true`.
+#[must_use]
+pub fn turning_until(surface: &Surface, moved: &[DVec3], stop: Stop<'_>) -> Option<Turning> {
+    let (turned, area, flipped) = ordered_sum_until(
         &surface.triangles,
         (0.0, 0.0, 0_usize),
         |(turned, area, flipped), t| {
@@ -33,21 +39,27 @@ pub fn turning(surface: &Surface, moved: &[DVec3]) -> Turning {
             (turned + weight * angle, area + weight, flipped + usize::from(along < 0.0))
         },
         |(t, a, f), (u, b, g)| (t + u, a + b, f + g),
-    );
+        stop,
+    )?;
     let mean_degrees = if area > 0.0 { (turned / area).to_degrees() } else { 0.0 };
-    Turning { mean_degrees, flipped }
+    Some(Turning { mean_degrees, flipped })
 }
 
 /// Triangles whose normal turns by more than 90 degrees when the carriers move to `moved`,
 /// ascending.
 #[must_use]
 pub fn flipped_triangles(surface: &Surface, moved: &[DVec3]) -> Vec<u32> {
-    let count = u32::try_from(surface.triangles.len()).unwrap_or(u32::MAX);
-    (0..count)
-        .into_par_iter()
-        .with_min_len(4096)
-        .filter(|&t| is_flipped(surface, t, moved))
-        .collect()
+    unstopped(|stop| flipped_until(surface, moved, stop))
+}
+
+/// The same; `None` once `stop` answers `true`.
+#[must_use]
+pub fn flipped_until(surface: &Surface, moved: &[DVec3], stop: Stop<'_>) -> Option<Vec<u32>> {
+    let number = |t: usize| u32::try_from(t).unwrap_or(u32::MAX);
+    chosen(&surface.triangles, stop, |t, _| {
+        let t = number(t);
+        is_flipped(surface, t, moved).then_some(t)
+    })
 }
 
 /// Whether one of them is.

@@ -3,7 +3,8 @@
 //! UV and normal seams repeat positions; the copies must move together or the surface cracks.
 
 use glam::DVec3;
-use rayon::slice::ParallelSliceMut;
+
+use super::stop::{STEP, Stop, go_on, sorted, unstopped};
 
 /// Longest probe sequence before hashing is given up. At load 1/2 and honest input the expected
 /// longest run for 10^8 points is below 60; an upload whose coordinates were chosen to collide
@@ -47,58 +48,86 @@ fn hash(key: [u64; 3]) -> u64 {
 /// `positions`: at most `u32::MAX - 1` of them, finite.
 #[must_use]
 pub fn weld(positions: &[DVec3]) -> Weld {
-    by_hash(positions).unwrap_or_else(|| by_sort(positions))
+    unstopped(|stop| weld_until(positions, stop))
 }
 
-fn by_hash(positions: &[DVec3]) -> Option<Weld> {
+/// The same; `None` once `stop` answers `true`.
+#[must_use]
+pub fn weld_until(positions: &[DVec3], stop: Stop<'_>) -> Option<Weld> {
+    match by_hash(positions, stop)? {
+        Hashed::Welded(weld) => Some(weld),
+        Hashed::Crowded => by_sort(positions, stop),
+    }
+}
+
+/// What became of hashing.
+#[derive(Debug, PartialEq)]
+enum Hashed {
+    Welded(Weld),
+    /// Too many keys fell on one place.
+    Crowded,
+}
+
+fn by_hash(positions: &[DVec3], stop: Stop<'_>) -> Option<Hashed> {
     let capacity = (positions.len() * 2).next_power_of_two().max(16);
     let mask = capacity - 1;
     let mut table = vec![EMPTY; capacity];
     let mut weld = Weld { point_of: Vec::with_capacity(positions.len()), first_vertex: Vec::new() };
-    for (vertex, &position) in positions.iter().enumerate() {
-        let this = key(position);
-        // The high half is the better mixed one; truncation to usize only drops hash bits.
-        let mut slot = usize::try_from(hash(this) >> 20).unwrap_or(0) & mask;
-        let mut probes = 0;
-        let point = loop {
-            let point = table[slot];
-            if point == EMPTY {
-                let point = u32::try_from(weld.first_vertex.len()).ok()?;
-                table[slot] = point;
-                weld.first_vertex.push(u32::try_from(vertex).ok()?);
-                break point;
-            }
-            let first = weld.first_vertex[point as usize];
-            if key(positions[first as usize]) == this {
-                break point;
-            }
-            probes += 1;
-            if probes > MAX_PROBES {
-                return None;
-            }
-            slot = (slot + 1) & mask;
-        };
-        weld.point_of.push(point);
+    let mut vertex = 0_u32;
+    for step in positions.chunks(STEP) {
+        go_on(stop)?;
+        for &position in step {
+            let this = key(position);
+            // The high half is the better mixed one; truncation to usize only drops hash bits.
+            let mut slot = usize::try_from(hash(this) >> 20).unwrap_or(0) & mask;
+            let mut probes = 0;
+            let point = loop {
+                let point = table[slot];
+                if point == EMPTY {
+                    // No more points than vertices, which are fewer than 2^32.
+                    let point = u32::try_from(weld.first_vertex.len()).unwrap_or(EMPTY);
+                    table[slot] = point;
+                    weld.first_vertex.push(vertex);
+                    break point;
+                }
+                let first = weld.first_vertex[point as usize];
+                if key(positions[first as usize]) == this {
+                    break point;
+                }
+                probes += 1;
+                if probes > MAX_PROBES {
+                    return Some(Hashed::Crowded);
+                }
+                slot = (slot + 1) & mask;
+            };
+            weld.point_of.push(point);
+            vertex += 1;
+        }
     }
-    Some(weld)
+    Some(Hashed::Welded(weld))
 }
 
-fn by_sort(positions: &[DVec3]) -> Weld {
+fn by_sort(positions: &[DVec3], stop: Stop<'_>) -> Option<Weld> {
     let count = u32::try_from(positions.len()).unwrap_or(u32::MAX);
-    let mut order: Vec<u32> = (0..count).collect();
-    order.par_sort_unstable_by_key(|&v| (key(positions[v as usize]), v));
+    let place = |v: u32| (key(positions[v as usize]), v);
+    let order = sorted((0..count).collect(), stop, |&a, &b| place(a).cmp(&place(b)))?;
     let mut first_of = vec![0_u32; positions.len()];
-    let mut first = 0;
-    for (rank, &vertex) in order.iter().enumerate() {
-        let starts = rank == 0
-            || key(positions[order[rank - 1] as usize]) != key(positions[vertex as usize]);
-        if starts {
-            first = vertex;
+    let (mut first, mut before) = (0, None);
+    for step in order.chunks(STEP) {
+        go_on(stop)?;
+        for &vertex in step {
+            let this = key(positions[vertex as usize]);
+            if before != Some(this) {
+                (first, before) = (vertex, Some(this));
+            }
+            first_of[vertex as usize] = first;
         }
-        first_of[vertex as usize] = first;
     }
     let mut weld = Weld { point_of: vec![0; positions.len()], first_vertex: Vec::new() };
     for (vertex, &first) in first_of.iter().enumerate() {
+        if vertex % STEP == 0 {
+            go_on(stop)?;
+        }
         let first = first as usize;
         if first == vertex {
             weld.point_of[vertex] = u32::try_from(weld.first_vertex.len()).unwrap_or(EMPTY);
@@ -107,12 +136,13 @@ fn by_sort(positions: &[DVec3]) -> Weld {
             weld.point_of[vertex] = weld.point_of[first];
         }
     }
-    weld
+    Some(weld)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::stop::never;
 
     #[test]
     fn copies_of_a_position_are_one_point_and_signed_zeros_too() {
@@ -125,7 +155,7 @@ mod tests {
         ];
         let expected = Weld { point_of: vec![0, 1, 0, 1, 2], first_vertex: vec![0, 1, 4] };
         assert_eq!(weld(&p), expected);
-        assert_eq!(by_sort(&p), expected);
+        assert_eq!(by_sort(&p, &never), Some(expected));
     }
 
     #[test]
@@ -136,6 +166,7 @@ mod tests {
                 DVec3::new((k * 0.37).sin(), (k * 1.1).cos(), k % 7.0)
             })
             .collect();
-        assert_eq!(by_hash(&p).unwrap(), by_sort(&p));
+        let sorted = by_sort(&p, &never).unwrap();
+        assert_eq!(by_hash(&p, &never), Some(Hashed::Welded(sorted)));
     }
 }

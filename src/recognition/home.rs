@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use crate::mesh::Mesh;
+use crate::mesh::stop::{Stop, go_on, once, unstopped};
 use crate::mesh::surface::Surface;
 use crate::registration::{PreparedHost, PreparedSuspect, Shape};
 
@@ -17,7 +18,13 @@ impl Home {
     /// Takes a host's geometry over.
     #[must_use]
     pub fn new(mesh: Mesh) -> Self {
-        Self { surface: Surface::new(&mesh), mesh, prepared: OnceLock::new() }
+        unstopped(|stop| Self::new_until(mesh, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(mesh: Mesh, stop: Stop<'_>) -> Option<Self> {
+        Some(Self { surface: Surface::new_until(&mesh, stop)?, mesh, prepared: OnceLock::new() })
     }
 
     /// Its geometry.
@@ -41,9 +48,14 @@ impl Home {
         self.mesh.positions().len() * VERTEX + self.mesh.triangles().len() * TRIANGLE
     }
 
-    pub(super) fn prepared(&self) -> Option<&PreparedHost> {
-        let prepare = || Shape::new(self.surface.clone()).map(PreparedHost::new);
-        self.prepared.get_or_init(prepare).as_ref()
+    /// `None` where there is no shape, and once `stop` answers `true`.
+    pub(super) fn prepared(&self, stop: Stop<'_>) -> Option<&PreparedHost> {
+        let prepare = || {
+            let shape = Shape::new_until(self.surface.clone(), stop);
+            let prepared = shape.and_then(|shape| PreparedHost::new_until(shape, stop));
+            go_on(stop).map(|()| prepared)
+        };
+        once(&self.prepared, prepare)?.as_ref()
     }
 }
 
@@ -73,8 +85,13 @@ impl<'a> Visitor<'a> {
         self.surface
     }
 
-    pub(super) fn prepared(&self) -> Option<&PreparedSuspect> {
-        let prepare = || Shape::new(self.surface.clone()).map(PreparedSuspect::new);
-        self.prepared.get_or_init(prepare).as_ref()
+    /// `None` where there is no shape, and once `stop` answers `true`.
+    pub(super) fn prepared(&self, stop: Stop<'_>) -> Option<&PreparedSuspect> {
+        let prepare = || {
+            let shape = Shape::new_until(self.surface.clone(), stop);
+            let prepared = shape.and_then(|shape| PreparedSuspect::new_until(shape, stop));
+            go_on(stop).map(|()| prepared)
+        };
+        once(&self.prepared, prepare)?.as_ref()
     }
 }

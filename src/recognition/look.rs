@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 
 use super::home::{Home, Visitor};
 use crate::mesh::powers::squared;
+use crate::mesh::stop::{self, Stop, changed, chosen};
 use crate::registration::similarity::{Pair, fit};
 use crate::registration::{
     Alignment, Effort, Similarity, Within, by_surface, by_twins, in_place, suffices,
@@ -88,18 +89,23 @@ pub fn looks(
     within: Within<'_>,
     see: &mut dyn FnMut(Look) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
+    let go_on = || if (within.stop)() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let still = Similarity::IDENTITY;
-    let ordered = in_order(home, visitor).unwrap_or_default();
+    let ordered = in_order(home, visitor, within.stop).unwrap_or_default();
+    go_on()?;
     let unmoved = is_same(home, median_off(&ordered, &still));
+    go_on()?;
     let sightings = if unmoved { sightings(&ordered, &still) } else { Vec::new() };
     see(Look { kind: LookKind::InPlace, similarity: still, sightings })?;
-    if let Some(look) = same_order(home, ordered) {
+    go_on()?;
+    if let Some(look) = same_order(home, ordered, within.stop) {
         see(look)?;
     }
-    let (Some(host), Some(suspect)) = (home.prepared(), visitor.prepared()) else {
+    let (Some(host), Some(suspect)) = (home.prepared(within.stop), visitor.prepared(within.stop))
+    else {
         return ControlFlow::Continue(());
     };
-    if let Some(twins) = by_twins(host, suspect) {
+    if let Some(twins) = by_twins(host, suspect, within.stop) {
         let enough = suffices(&twins);
         let rank = if enough { 0 } else { FEW_TWINS };
         see(from_alignment(visitor, twins, LookKind::Registered(rank)))?;
@@ -107,7 +113,6 @@ pub fn looks(
             return ControlFlow::Continue(());
         }
     }
-    let go_on = || if (within.stop)() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let near = in_place(host, suspect, true, within);
     let known: Vec<Alignment> = near.into_iter().collect();
     for alignment in &known {
@@ -131,17 +136,20 @@ fn from_alignment(visitor: &Visitor<'_>, alignment: Alignment, kind: LookKind) -
     Look { kind, similarity, sightings: pairs.iter().filter_map(sighting).collect() }
 }
 
-/// Vertices paired by their number, where host and suspect have equally many.
-fn in_order(home: &Home, visitor: &Visitor<'_>) -> Option<Vec<Pair>> {
+/// Vertices paired by their number, where host and suspect have equally many; `None` once `stop`
+/// answers `true`.
+fn in_order(home: &Home, visitor: &Visitor<'_>, stop: Stop<'_>) -> Option<Vec<Pair>> {
     let (host, suspect) = (home.mesh().positions(), visitor.mesh().positions());
     if host.len() != suspect.len() {
         return None;
     }
-    let carriers = home.surface().positions.iter().zip(&home.surface().first_vertex);
-    let pair = |(&to, &vertex): (_, &u32)| {
-        suspect.get(vertex as usize).map(|&from| Pair { from, to, weight: 1.0 })
+    let carriers = &home.surface().positions;
+    let pair = |carrier: usize, &vertex: &u32| {
+        let from = suspect.get(vertex as usize).copied();
+        from.map(|from| Pair { from, to: carriers[carrier], weight: 1.0 })
     };
-    carriers.map(pair).collect()
+    let pairs = chosen(&home.surface().first_vertex, stop, pair)?;
+    (pairs.len() == carriers.len()).then_some(pairs)
 }
 
 /// Where the pairs' carriers are under a similarity.
@@ -165,21 +173,23 @@ fn is_same(home: &Home, median: f64) -> bool {
     median <= SAME * home.surface().diagonal()
 }
 
-/// A suspect that was moved, by the order of its vertices.
-fn same_order(home: &Home, mut pairs: Vec<Pair>) -> Option<Look> {
+/// A suspect that was moved, by the order of its vertices; `None` once `stop` answers `true`.
+fn same_order(home: &Home, mut pairs: Vec<Pair>, stop: Stop<'_>) -> Option<Look> {
     let mut similarity = fit(&pairs, false)?;
     let mut median = f64::INFINITY;
     for _ in 0..ROUNDS {
+        stop::go_on(stop)?;
         median = median_off(&pairs, &similarity);
         if median <= 0.0 {
             break;
         }
-        for p in &mut pairs {
+        changed(&mut pairs, stop, |_, p| {
             let off = similarity.apply(p.from).distance(p.to);
             p.weight = 1.0 / (1.0 + squared(off / (2.0 * median)));
-        }
+        })?;
         similarity = fit(&pairs, false)?;
     }
+    stop::go_on(stop)?;
     let sightings = sightings(&pairs, &similarity);
     is_same(home, median).then_some(Look { kind: LookKind::SameOrder, similarity, sightings })
 }

@@ -21,6 +21,7 @@ use super::scatter::Point;
 use super::shape::Shape;
 use super::similarity::Similarity;
 use crate::mesh::powers::squared;
+use crate::mesh::stop::{Stop, mapped};
 use crate::mesh::surface::doubled_area;
 
 /// Points whose normals differ by more than 60 degrees do not lie on the same surface.
@@ -73,14 +74,14 @@ impl Target {
     /// Builds the search tree: about a second per million triangles. `None` if the surface cannot
     /// be searched.
     #[must_use]
-    pub fn new(host: &Shape) -> Option<Self> {
+    pub fn new(host: &Shape, stop: Stop<'_>) -> Option<Self> {
         let points = host.positions.iter().map(|p| Vector::new(p.x, p.y, p.z)).collect();
         let surface = TriMesh::new(points, host.triangles.clone()).ok()?;
         let normal = |t: &[u32; 3]| {
             let [a, b, c] = t.map(|v| host.positions[v as usize]);
             doubled_area(a, b, c).normalize_or_zero()
         };
-        Some(Self { surface, normals: host.triangles.par_iter().map(normal).collect() })
+        Some(Self { surface, normals: mapped(&host.triangles, stop, |_, t| normal(t))? })
     }
 
     /// The triangle that is closest to `p` and its closest place, if it is within `reach`; adds what
@@ -234,7 +235,7 @@ mod tests {
         let budget = Budget::new(u64::MAX);
         let within = Within { budget: &budget, stop: &|| false };
         let (host, suspect) = (shape(8000), shape(5000));
-        let target = Target::new(&host).unwrap();
+        let target = Target::new(&host, &crate::mesh::stop::never).unwrap();
         let points = scatter(&suspect, 4000);
         let truth = suspect.unit.inverse().then(&host.unit);
         let off = Similarity {
@@ -254,7 +255,7 @@ mod tests {
         let within = Within { budget: &budget, stop: &|| false };
         let host = shape(1000);
         let away = Similarity { translation: DVec3::splat(5.0), ..Similarity::IDENTITY };
-        let target = Target::new(&host).unwrap();
+        let target = Target::new(&host, &crate::mesh::stop::never).unwrap();
         let points = scatter(&host, 500);
         let found = target.align(&away, &points, 0.1..0.01, 5, within);
         assert_eq!((target.judge(&found, &points, 0.1, within).overlap, found), (0.0, away));

@@ -125,7 +125,7 @@ pub struct Within<'a> {
 }
 
 /// Whether to give up.
-pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+pub use crate::mesh::stop::Stop;
 
 #[cfg(test)]
 mod tests {

@@ -12,9 +12,9 @@
 //! new version there.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::rings::{MAX_VALENCE, NONE, Rings};
+use crate::mesh::stop::{Stop, counted, mapped, unstopped};
 
 /// In which sense rings are read. A mirror image, or a file whose triangles were all turned over,
 /// has the codes of the other sense.
@@ -77,51 +77,63 @@ fn cyclic(seed: u64, sequence: &[u64]) -> Code {
 
 /// Reads the ring of each vertex, with `value` per dart; 0 for a dart leaves the vertex without
 /// a code.
-fn read_rings(rings: &Rings, sense: Sense, value: impl Fn(u32, usize) -> u64 + Sync) -> Vec<Code> {
-    let count = u32::try_from(rings.vertices()).unwrap_or(NONE);
-    (0..count)
-        .into_par_iter()
-        .with_min_len(1024)
-        .map(|vertex| {
-            let darts = rings.darts(vertex);
-            let mut values = [0; MAX_VALENCE];
-            let values = &mut values[..darts.len()];
-            for (place, dart) in values.iter_mut().zip(darts) {
-                *place = value(vertex, dart);
-            }
-            if values.is_empty() || values.contains(&0) {
-                return Code::default();
-            }
-            if sense == Sense::Against {
-                values.reverse();
-            }
-            let mut code = cyclic(values.len() as u64, values);
-            if sense == Sense::Against && code.begin != Code::ANY {
-                let last = u8::try_from(values.len()).unwrap_or(1) - 1;
-                code.begin = last - code.begin;
-            }
-            code
-        })
-        .collect()
+fn read_rings(
+    rings: &Rings,
+    sense: Sense,
+    stop: Stop<'_>,
+    value: impl Fn(u32, usize) -> u64 + Sync,
+) -> Option<Vec<Code>> {
+    counted(rings.vertices(), stop, |vertex| {
+        let vertex = u32::try_from(vertex).unwrap_or(NONE);
+        let darts = rings.darts(vertex);
+        let mut values = [0; MAX_VALENCE];
+        let values = &mut values[..darts.len()];
+        for (place, dart) in values.iter_mut().zip(darts) {
+            *place = value(vertex, dart);
+        }
+        if values.is_empty() || values.contains(&0) {
+            return Code::default();
+        }
+        if sense == Sense::Against {
+            values.reverse();
+        }
+        let mut code = cyclic(values.len() as u64, values);
+        if sense == Sense::Against && code.begin != Code::ANY {
+            let last = u8::try_from(values.len()).unwrap_or(1) - 1;
+            code.begin = last - code.begin;
+        }
+        code
+    })
 }
 
 /// Codes from the valences up to `radius` (at least 1) rings away.
 #[must_use]
 pub fn connectivity(rings: &Rings, sense: Sense, radius: usize) -> Vec<Code> {
-    let valence = |&head: &u32| match rings.ring(head).len() {
+    unstopped(|stop| connectivity_until(rings, sense, radius, stop))
+}
+
+/// The same; `None` once `stop` answers `true`.
+#[must_use]
+pub fn connectivity_until(
+    rings: &Rings,
+    sense: Sense,
+    radius: usize,
+    stop: Stop<'_>,
+) -> Option<Vec<Code>> {
+    let mut seen = mapped(rings.heads(), stop, |_, &head| match rings.ring(head).len() {
         0 => 0,
         n => mix(1, n as u64),
-    };
-    let mut seen: Vec<u64> = rings.heads().iter().map(valence).collect();
+    })?;
     for _ in 1..radius {
-        seen = farther(rings, sense, &seen);
+        seen = farther(rings, sense, &seen, stop)?;
     }
-    read_rings(rings, sense, |_, dart| seen[dart])
+    read_rings(rings, sense, stop, |_, dart| seen[dart])
 }
 
 /// What each dart sees behind its head, one ring farther than in `seen`.
-fn farther(rings: &Rings, sense: Sense, seen: &[u64]) -> Vec<u64> {
-    let look = |(&head, &back): (&u32, &u32)| {
+fn farther(rings: &Rings, sense: Sense, seen: &[u64], stop: Stop<'_>) -> Option<Vec<u64>> {
+    mapped(rings.heads(), stop, |dart, &head| {
+        let back = rings.backs()[dart];
         if back == NONE {
             return 0;
         }
@@ -135,26 +147,32 @@ fn farther(rings: &Rings, sense: Sense, seen: &[u64]) -> Vec<u64> {
             Sense::Along => after.iter().chain(before).fold(valence, fold),
             Sense::Against => before.iter().rev().chain(after.iter().rev()).fold(valence, fold),
         }
-    };
-    let heads = rings.heads().par_iter().with_min_len(4096);
-    heads.zip(rings.backs()).map(look).collect()
+    })
 }
 
 /// Codes from the lengths of the spokes and of the rim around each vertex.
 #[must_use]
 pub fn metric(rings: &Rings, positions: &[DVec3], sense: Sense) -> Vec<Code> {
+    unstopped(|stop| metric_until(rings, positions, sense, stop))
+}
+
+/// The same; `None` once `stop` answers `true`.
+#[must_use]
+pub fn metric_until(
+    rings: &Rings,
+    positions: &[DVec3],
+    sense: Sense,
+    stop: Stop<'_>,
+) -> Option<Vec<Code>> {
     let at = |v: u32| positions[v as usize];
-    let around: Vec<f64> = (0..u32::try_from(rings.vertices()).unwrap_or(NONE))
-        .into_par_iter()
-        .with_min_len(1024)
-        .map(|v| {
-            let ring = rings.ring(v);
-            let spokes: f64 = ring.iter().map(|&u| at(u).distance(at(v))).sum();
-            let next = ring.iter().cycle().skip(1);
-            spokes + ring.iter().zip(next).map(|(&u, &w)| at(u).distance(at(w))).sum::<f64>()
-        })
-        .collect();
-    read_rings(rings, sense, |v, dart| {
+    let around = counted(rings.vertices(), stop, |v| {
+        let v = u32::try_from(v).unwrap_or(NONE);
+        let ring = rings.ring(v);
+        let spokes: f64 = ring.iter().map(|&u| at(u).distance(at(v))).sum();
+        let next = ring.iter().cycle().skip(1);
+        spokes + ring.iter().zip(next).map(|(&u, &w)| at(u).distance(at(w))).sum::<f64>()
+    })?;
+    read_rings(rings, sense, stop, |v, dart| {
         let darts = rings.darts(v);
         let next = if dart + 1 == darts.end { darts.start } else { dart + 1 };
         let before = if dart == darts.start { darts.end - 1 } else { dart - 1 };

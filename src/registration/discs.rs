@@ -9,9 +9,10 @@ use glam::DVec3;
 
 use super::align::{Ground, Touch, same_side};
 use super::rings::NONE;
-use super::scatter::{Point, scatter};
+use super::scatter::{Point, scatter_until};
 use super::shape::Shape;
 use super::similarity::Similarity;
+use crate::mesh::stop::{STEP, Stop, go_on};
 use crate::mesh::surface::doubled_area;
 
 /// Discs of a host.
@@ -37,13 +38,17 @@ pub struct Discs {
 }
 
 impl Discs {
-    /// Spreads them over the surface.
+    /// Spreads them over the surface; `None` once `stop` answers `true`.
     #[must_use]
-    pub fn new(host: &Shape) -> Self {
-        let all = scatter(host, DISCS);
+    pub fn new(host: &Shape, stop: Stop<'_>) -> Option<Self> {
+        let all = scatter_until(host, DISCS, stop)?;
         let corners = |t: &[u32; 3]| t.map(|v| host.positions[v as usize]);
         let doubled = |[a, b, c]: [DVec3; 3]| doubled_area(a, b, c).length();
-        let area = 0.5 * host.triangles.iter().map(|t| doubled(corners(t))).sum::<f64>();
+        let mut area = 0.0;
+        for step in host.triangles.chunks(STEP) {
+            go_on(stop)?;
+            area = step.iter().fold(area, |sum, t| sum + 0.5 * doubled(corners(t)));
+        }
         let (mut low, mut high) = (DVec3::ZERO, DVec3::ZERO);
         for &p in &host.positions {
             (low, high) = (low.min(p), high.max(p));
@@ -62,12 +67,14 @@ impl Discs {
             low,
             counts,
         };
+        go_on(stop)?;
         grid.sow();
         // Two rounds leave one cell in thousands with its second nearest.
         for _ in 0..2 {
+            go_on(stop)?;
             grid.sweep();
         }
-        grid
+        Some(grid)
     }
 
     /// Gives each disc to the cell that it lies in.
@@ -156,8 +163,10 @@ impl Ground for Discs {
 mod tests {
     use super::*;
     use crate::mesh::Mesh;
+    use crate::mesh::stop::never;
     use crate::mesh::surface::Surface;
     use crate::registration::align::Target;
+    use crate::registration::scatter::scatter;
     use crate::sample::Sample;
 
     fn shape(mesh: &Mesh) -> Shape {
@@ -168,7 +177,8 @@ mod tests {
     fn discs_are_about_where_the_surface_is() {
         for sample in [Sample::Blob, Sample::Knot] {
             let host = shape(&sample.mesh(4000).unwrap());
-            let (discs, target) = (Discs::new(&host), Target::new(&host).unwrap());
+            let (discs, target) =
+                (Discs::new(&host, &never).unwrap(), Target::new(&host, &never).unwrap());
             let mut errors = Vec::new();
             for height in [-0.03, -0.01, 0.0, 0.01, 0.03, 0.06] {
                 for point in scatter(&host, 500) {
@@ -193,7 +203,7 @@ mod tests {
     #[test]
     fn what_faces_elsewhere_or_lies_outside_touches_nothing() {
         let host = shape(&Sample::Blob.mesh(1000).unwrap());
-        let discs = Discs::new(&host);
+        let discs = Discs::new(&host, &never).unwrap();
         for point in scatter(&host, 100) {
             let inside_out = Point { normal: -point.normal, ..point };
             let [far, nowhere] = [2.0, f64::NAN]

@@ -44,8 +44,14 @@ pub fn mutual(
     };
     let counted: Vec<(Option<(u32, f64)>, u64)> =
         suspect.positions.par_iter().with_min_len(1024).map(counted).collect();
+    if (within.stop)() {
+        return Vec::new();
+    }
     within.budget.spend(counted.iter().map(|(_, tests)| tests).sum());
     let nearest: Vec<Option<(u32, f64)>> = counted.into_iter().map(|(corner, _)| corner).collect();
+    if (within.stop)() {
+        return Vec::new();
+    }
     let mut suspect_of = vec![(NONE, f64::INFINITY); host.positions.len()];
     for (vertex, found) in (0..).zip(&nearest) {
         if let Some((corner, distance)) = *found {
@@ -54,6 +60,9 @@ pub fn mutual(
                 *holder = (vertex, distance);
             }
         }
+    }
+    if (within.stop)() {
+        return Vec::new();
     }
     let holds = |(vertex, found): (u32, &Option<(u32, f64)>)| {
         let (corner, _) = (*found)?;

@@ -8,8 +8,9 @@
 
 use glam::DVec3;
 
-use super::scatter::scatter;
+use super::scatter::scatter_until;
 use super::shape::Shape;
+use crate::mesh::stop::{Stop, unstopped};
 
 /// Degrees of the harmonics.
 const DEGREES: usize = 8;
@@ -35,8 +36,14 @@ impl Outline {
     /// The outline of a shape.
     #[must_use]
     pub fn new(shape: &Shape) -> Self {
-        let mut points: Vec<DVec3> =
-            scatter(shape, POINTS).into_iter().map(|p| p.position).collect();
+        unstopped(|stop| Self::new_until(shape, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(shape: &Shape, stop: Stop<'_>) -> Option<Self> {
+        let points = scatter_until(shape, POINTS, stop)?;
+        let mut points: Vec<DVec3> = points.into_iter().map(|p| p.position).collect();
         let share = 1.0 / points.len().max(1) as f64;
         let centre = points.iter().sum::<DVec3>() * share;
         let square: f64 = points.iter().map(|p| p.distance_squared(centre)).sum::<f64>() * share;
@@ -57,7 +64,7 @@ impl Outline {
             // No distance of note is 2.5 times the root mean square.
             *byte = fraction(distances.get(rank).copied().unwrap_or(0.0) / 2.5);
         }
-        Self(bytes)
+        Some(Self(bytes))
     }
 
     /// How different two outlines are: the sum of the bytes' squared differences.

@@ -4,10 +4,11 @@ use std::sync::OnceLock;
 
 use super::align::Target;
 use super::discs::Discs;
-use super::scatter::{Point, scatter};
+use super::scatter::{Point, scatter_until};
 use super::shape::Shape;
 use super::similarity::Similarity;
 use super::twins::{Findable, Landmarks};
+use crate::mesh::stop::{Stop, go_on, once, unstopped};
 
 /// Points that a surface is aligned by before it is known to fit.
 const ALIGNED: usize = 3000;
@@ -72,8 +73,15 @@ impl PreparedHost {
     /// Takes a shape over.
     #[must_use]
     pub fn new(shape: Shape) -> Self {
-        let (landmarks, points) = (Landmarks::new(&shape), scatter(&shape, ALIGNED));
-        Self { shape, landmarks, points, discs: OnceLock::new(), target: OnceLock::new() }
+        unstopped(|stop| Self::new_until(shape, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(shape: Shape, stop: Stop<'_>) -> Option<Self> {
+        let landmarks = Landmarks::new(&shape, stop)?;
+        let points = scatter_until(&shape, ALIGNED, stop)?;
+        Some(Self { shape, landmarks, points, discs: OnceLock::new(), target: OnceLock::new() })
     }
 
     /// Its shape.
@@ -82,12 +90,18 @@ impl PreparedHost {
         &self.shape
     }
 
-    pub(super) fn discs(&self) -> &Discs {
-        self.discs.get_or_init(|| Discs::new(&self.shape))
+    /// `None` once `stop` answers `true`.
+    pub(super) fn discs(&self, stop: Stop<'_>) -> Option<&Discs> {
+        once(&self.discs, || Discs::new(&self.shape, stop))
     }
 
-    pub(super) fn target(&self) -> Option<&Target> {
-        self.target.get_or_init(|| Target::new(&self.shape)).as_ref()
+    /// Also `None` once `stop` answers `true`.
+    pub(super) fn target(&self, stop: Stop<'_>) -> Option<&Target> {
+        let make = || {
+            let target = Target::new(&self.shape, stop);
+            go_on(stop).map(|()| target)
+        };
+        once(&self.target, make)?.as_ref()
     }
 }
 
@@ -95,8 +109,14 @@ impl PreparedSuspect {
     /// Takes a shape over.
     #[must_use]
     pub fn new(shape: Shape) -> Self {
-        let points = scatter(&shape, ALIGNED);
-        Self { shape, landmarks: Findable::default(), points }
+        unstopped(|stop| Self::new_until(shape, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(shape: Shape, stop: Stop<'_>) -> Option<Self> {
+        let points = scatter_until(&shape, ALIGNED, stop)?;
+        Some(Self { shape, landmarks: Findable::default(), points })
     }
 
     /// Its shape.

@@ -5,6 +5,7 @@ use super::budget::Within;
 use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
 use super::surface::by_surface;
 use super::twins::{Twins, twins};
+use crate::mesh::stop::Stop;
 
 /// Twins that make up this share of the suspect leave nothing to search for.
 const TWINS_SUFFICE: f64 = 0.2;
@@ -19,7 +20,7 @@ pub fn register(
     effort: Effort,
     within: Within<'_>,
 ) -> Vec<Alignment> {
-    let Some(alignment) = by_twins(host, suspect) else {
+    let Some(alignment) = by_twins(host, suspect, within.stop) else {
         return by_surface(host, suspect, effort, &[], within);
     };
     if suffices(&alignment) {
@@ -31,10 +32,14 @@ pub fn register(
     all
 }
 
-/// The alignment by the vertices that suspect and host share.
+/// The alignment by the vertices that suspect and host share; also `None` once `stop` answers `true`.
 #[must_use]
-pub fn by_twins(host: &PreparedHost, suspect: &PreparedSuspect) -> Option<Alignment> {
-    let found = twins(&host.shape, &host.landmarks, &suspect.shape, &suspect.landmarks)?;
+pub fn by_twins(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    stop: Stop<'_>,
+) -> Option<Alignment> {
+    let found = twins(&host.shape, &host.landmarks, &suspect.shape, &suspect.landmarks, stop)?;
     Some(from_twins(host, suspect, found))
 }
 

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::mesh::adjacency::Adjacency;
+use crate::mesh::stop::{Stop, go_on, unstopped};
 
 /// Vertices with more neighbours count as open. Of the real meshes none of the vertices that tell
 /// places apart has more than 20; the limit keeps the work below 32 steps per triangle corner on any
@@ -33,17 +34,27 @@ impl Rings {
     /// `triangles` index below `vertices`; three times their number fits in a `u32`.
     #[must_use]
     pub fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
-        let around = Adjacency::new(vertices, triangles);
+        unstopped(|stop| Self::new_until(vertices, triangles, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(vertices: usize, triangles: &[[u32; 3]], stop: Stop<'_>) -> Option<Self> {
+        let around = Adjacency::new_until(vertices, triangles, stop)?;
         let blocks: Vec<(Vec<u32>, Vec<u32>)> = (0..vertices.div_ceil(BLOCK))
             .into_par_iter()
             .map(|block| {
                 let (mut lengths, mut heads) = (Vec::with_capacity(BLOCK), Vec::new());
+                if stop() {
+                    return (lengths, heads);
+                }
                 for vertex in block * BLOCK..((block + 1) * BLOCK).min(vertices) {
                     lengths.push(walk(vertex, around.around(vertex), triangles, &mut heads));
                 }
                 (lengths, heads)
             })
             .collect();
+        go_on(stop)?;
         let mut starts = Vec::with_capacity(vertices + 1);
         let mut heads = Vec::with_capacity(triangles.len() * 3);
         let mut start = 0;
@@ -53,23 +64,36 @@ impl Rings {
                 start += length;
                 starts.push(start);
             }
-            heads.extend(part);
+            heads.extend_from_slice(&part);
+            go_on(stop)?;
         }
         let mut rings = Self { starts, heads, backs: Vec::new() };
-        rings.backs = rings.find_backs();
-        rings
+        rings.backs = rings.find_backs(stop)?;
+        Some(rings)
     }
 
-    fn find_backs(&self) -> Vec<u32> {
+    fn find_backs(&self, stop: Stop<'_>) -> Option<Vec<u32>> {
         let back = |(vertex, &head): (u32, &u32)| {
             let place = self.ring(head).iter().position(|&u| u == vertex);
             let place = place.and_then(|place| u32::try_from(place).ok());
             place.map_or(NONE, |place| self.starts[head as usize] + place)
         };
         let count = u32::try_from(self.starts.len() - 1).unwrap_or(NONE);
-        let tails = (0..count).flat_map(|v| self.ring(v).iter().map(move |head| (v, head)));
-        let darts: Vec<(u32, &u32)> = tails.collect();
-        darts.into_par_iter().with_min_len(BLOCK).map(back).collect()
+        let starts: Vec<u32> = (0..count).step_by(BLOCK).collect();
+        let block = |&start: &u32| -> Vec<u32> {
+            let vertices = (start..count).take(if stop() { 0 } else { BLOCK });
+            vertices
+                .flat_map(|v| self.ring(v).iter().map(move |head| (v, head)))
+                .map(back)
+                .collect()
+        };
+        let blocks: Vec<Vec<u32>> = starts.par_iter().map(block).collect();
+        let mut backs = Vec::with_capacity(self.heads.len());
+        for part in blocks {
+            go_on(stop)?;
+            backs.extend_from_slice(&part);
+        }
+        Some(backs)
     }
 
     /// The neighbours of `vertex`, in the sense of its triangles' winding; empty if it is open.

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::shape::Shape;
+use crate::mesh::stop::{STEP, Stop, go_on, unstopped};
 use crate::mesh::surface::doubled_area;
 
 /// Steps of the plane's low-discrepancy sequence (R2; the plastic number).
@@ -20,31 +21,44 @@ pub struct Point {
 /// `count` points (one more or less) at equal steps of area, in the order of the triangles.
 #[must_use]
 pub fn scatter(shape: &Shape, count: usize) -> Vec<Point> {
+    unstopped(|stop| scatter_until(shape, count, stop))
+}
+
+/// The same; `None` once `stop` answers `true`.
+#[must_use]
+pub fn scatter_until(shape: &Shape, count: usize, stop: Stop<'_>) -> Option<Vec<Point>> {
     let corners = |t: &[u32; 3]| t.map(|v| shape.positions[v as usize]);
     let area = |[a, b, c]: [DVec3; 3]| doubled_area(a, b, c);
-    let total: f64 = shape.triangles.iter().map(|t| area(corners(t)).length()).sum();
+    let mut total = 0.0;
+    for step in shape.triangles.chunks(STEP) {
+        go_on(stop)?;
+        total = step.iter().fold(total, |sum, t| sum + area(corners(t)).length());
+    }
     let step = total / count as f64;
     let mut points = Vec::with_capacity(count);
     if !(step > 0.0 && step.is_finite()) {
-        return points;
+        return Some(points);
     }
     let (mut passed, mut number) = (0.0, 0.0_f64);
-    for t in &shape.triangles {
-        let [a, b, c] = corners(t);
-        let doubled = area([a, b, c]);
-        passed += doubled.length();
-        while (number + 0.5) * step < passed && points.len() <= count {
-            let [mut u, mut v] = PLASTIC.map(|p| (number * p).fract());
-            // The far half of the unit square is folded back onto the triangle.
-            if u + v > 1.0 {
-                (u, v) = (1.0 - u, 1.0 - v);
+    for triangles in shape.triangles.chunks(STEP) {
+        go_on(stop)?;
+        for t in triangles {
+            let [a, b, c] = corners(t);
+            let doubled = area([a, b, c]);
+            passed += doubled.length();
+            while (number + 0.5) * step < passed && points.len() <= count {
+                let [mut u, mut v] = PLASTIC.map(|p| (number * p).fract());
+                // The far half of the unit square is folded back onto the triangle.
+                if u + v > 1.0 {
+                    (u, v) = (1.0 - u, 1.0 - v);
+                }
+                let position = a + (b - a) * u + (c - a) * v;
+                points.push(Point { position, normal: doubled.normalize_or_zero() });
+                number += 1.0;
             }
-            let position = a + (b - a) * u + (c - a) * v;
-            points.push(Point { position, normal: doubled.normalize_or_zero() });
-            number += 1.0;
         }
     }
-    points
+    Some(points)
 }
 
 #[cfg(test)]

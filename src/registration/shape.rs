@@ -1,11 +1,11 @@
 //! A surface made ready for registration, as host or as suspect.
 
 use glam::{DQuat, DVec3};
-use rayon::slice::ParallelSliceMut;
 
-use super::codes::{Code, Sense, connectivity, metric};
+use super::codes::{Code, Sense, connectivity_until, metric_until};
 use super::rings::Rings;
 use super::similarity::Similarity;
+use crate::mesh::stop::{STEP, Stop, changed, go_on, never, sorted};
 use crate::mesh::surface::{Surface, doubled_area};
 
 /// Rings that a twin's connectivity code looks at. One more costs a fragment more of its vertices
@@ -52,6 +52,12 @@ impl Shape {
     /// triangles, or coordinates so large or so small that they cannot be brought to unit size.
     #[must_use]
     pub fn new(surface: Surface) -> Option<Self> {
+        Self::new_until(surface, &never)
+    }
+
+    /// The same; also `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(surface: Surface, stop: Stop<'_>) -> Option<Self> {
         u32::try_from(surface.triangles.len().checked_mul(3)?).ok()?;
         let Surface { mut positions, triangles, first_vertex, .. } = surface;
         let (mut low, mut high) = (*positions.first()?, *positions.first()?);
@@ -64,45 +70,47 @@ impl Shape {
         if !unit.is_valid() || triangles.is_empty() {
             return None;
         }
-        for p in &mut positions {
-            *p = (*p - middle) * scale;
-        }
-        let rings = Rings::new(positions.len(), &triangles);
-        let normals = normals(&positions, &triangles);
+        changed(&mut positions, stop, |_, p| *p = (*p - middle) * scale)?;
+        let rings = Rings::new_until(positions.len(), &triangles, stop)?;
+        let normals = normals(&positions, &triangles, stop)?;
         Some(Self { positions, triangles, first_vertex, normals, rings, unit })
     }
 
-    /// The codes of all carriers.
-    #[must_use]
-    pub fn codes(&self, kind: Kind, sense: Sense) -> Vec<Code> {
+    /// The codes of all carriers; `None` once `stop` answers `true`.
+    fn codes(&self, kind: Kind, sense: Sense, stop: Stop<'_>) -> Option<Vec<Code>> {
         match kind {
-            Kind::Connectivity => connectivity(&self.rings, sense, RADIUS),
-            Kind::Metric => metric(&self.rings, &self.positions, sense),
+            Kind::Connectivity => connectivity_until(&self.rings, sense, RADIUS, stop),
+            Kind::Metric => metric_until(&self.rings, &self.positions, sense, stop),
         }
     }
 
-    /// The codes that occur once, by ascending hash.
+    /// The codes that occur once, by ascending hash; `None` once `stop` answers `true`.
     #[must_use]
-    pub fn landmarks(&self, kind: Kind, sense: Sense) -> Vec<Landmark> {
-        let mut all: Vec<Landmark> = (0..)
-            .zip(self.codes(kind, sense))
+    pub fn landmarks(&self, kind: Kind, sense: Sense, stop: Stop<'_>) -> Option<Vec<Landmark>> {
+        let all: Vec<Landmark> = (0..)
+            .zip(self.codes(kind, sense, stop)?)
             .filter(|(_, code)| code.hash != 0)
             .map(|(vertex, code)| Landmark { code, vertex })
             .collect();
-        all.par_sort_unstable_by_key(|l| (l.code.hash, l.vertex));
+        let key = |l: &Landmark| (l.code.hash, l.vertex);
+        let all = sorted(all, stop, |a, b| key(a).cmp(&key(b)))?;
         let alone = all.chunk_by(|a, b| a.code.hash == b.code.hash).filter(|same| same.len() == 1);
-        alone.flatten().copied().collect()
+        Some(alone.flatten().copied().collect())
     }
 }
 
-fn normals(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<DVec3> {
+fn normals(positions: &[DVec3], triangles: &[[u32; 3]], stop: Stop<'_>) -> Option<Vec<DVec3>> {
     let mut normals = vec![DVec3::ZERO; positions.len()];
-    for t in triangles {
-        let [a, b, c] = t.map(|v| positions[v as usize]);
-        let area = doubled_area(a, b, c);
-        for &v in t {
-            normals[v as usize] += area;
+    for step in triangles.chunks(STEP) {
+        go_on(stop)?;
+        for t in step {
+            let [a, b, c] = t.map(|v| positions[v as usize]);
+            let area = doubled_area(a, b, c);
+            for &v in t {
+                normals[v as usize] += area;
+            }
         }
     }
-    normals.into_iter().map(DVec3::normalize_or_zero).collect()
+    changed(&mut normals, stop, |_, normal| *normal = normal.normalize_or_zero())?;
+    Some(normals)
 }

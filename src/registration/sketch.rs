@@ -5,11 +5,10 @@
 //! (bottom-k sketches; Cohen and Kaplan 2007). A fragment with a share s of the mesh has about the
 //! same share s of these vertices, and finds the record by them. Wholes: the [`Outline`].
 
-use rayon::slice::ParallelSliceMut;
-
-use super::codes::{Code, Sense, connectivity, metric, mix};
+use super::codes::{Code, Sense, connectivity_until, metric_until, mix};
 use super::outline::{BYTES, Outline};
 use super::shape::Shape;
+use crate::mesh::stop::{Stop, go_on, sorted, unstopped};
 
 /// Rings that a hash looks at: 37 vertices. Two rings tell the vertices of one mesh apart, among
 /// a hundred thousand meshes they are too common.
@@ -65,19 +64,25 @@ impl Sketch {
     /// the host or the marked mesh is sketched; hashes of connectivity are the same for both.
     #[must_use]
     pub fn new(shape: &Shape) -> Self {
-        let telling = rare(connectivity_hashes(shape));
+        unstopped(|stop| Self::new_until(shape, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(shape: &Shape, stop: Stop<'_>) -> Option<Self> {
+        let telling = rare(connectivity_hashes(shape, stop)?, stop)?;
         let share = telling.len() as f64 / shape.positions.len() as f64;
         let mut hashes: Vec<u64> = if share >= TELLING {
             telling.into_iter().take(HASHES).collect()
         } else {
-            let lengths = rare(metric_hashes(shape));
+            let lengths = rare(metric_hashes(shape, stop)?, stop)?;
             let of_lengths = HASHES - telling.len().min(HASHES / 2);
             let lengths = lengths.into_iter().take(of_lengths);
             telling.into_iter().take(HASHES / 2).chain(lengths).collect()
         };
         hashes.sort_unstable();
         hashes.dedup();
-        Self { hashes, outline: Outline::new(shape) }
+        Some(Self { hashes, outline: Outline::new_until(shape, stop)? })
     }
 
     /// A sketch of given parts, the hashes in any order: for tests and simulations.
@@ -137,44 +142,56 @@ impl Probe {
     /// All there is to look up for a suspect.
     #[must_use]
     pub fn new(shape: &Shape) -> Self {
-        let some = |mut hashes: Vec<u64>| {
-            hashes.par_sort_unstable();
+        unstopped(|stop| Self::new_until(shape, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(shape: &Shape, stop: Stop<'_>) -> Option<Self> {
+        let some = |hashes: Vec<u64>| {
+            let mut hashes = sorted(hashes, stop, Ord::cmp)?;
             hashes.dedup();
             hashes.truncate(PROBES);
-            hashes
+            Some(hashes)
         };
-        let mut hashes = some(connectivity_hashes(shape));
-        hashes.extend(some(metric_hashes(shape)));
+        let mut hashes = some(connectivity_hashes(shape, stop)?)?;
+        hashes.extend(some(metric_hashes(shape, stop)?)?);
         hashes.sort_unstable();
-        Self { hashes, outline: Outline::new(shape) }
+        Some(Self { hashes, outline: Outline::new_until(shape, stop)? })
     }
 }
 
-fn connectivity_hashes(shape: &Shape) -> Vec<u64> {
-    either(1, |sense| connectivity(&shape.rings, sense, RADIUS))
+fn connectivity_hashes(shape: &Shape, stop: Stop<'_>) -> Option<Vec<u64>> {
+    either(1, stop, |sense| connectivity_until(&shape.rings, sense, RADIUS, stop))
 }
 
-fn metric_hashes(shape: &Shape) -> Vec<u64> {
-    either(2, |sense| metric(&shape.rings, &shape.positions, sense))
+fn metric_hashes(shape: &Shape, stop: Stop<'_>) -> Option<Vec<u64>> {
+    either(2, stop, |sense| metric_until(&shape.rings, &shape.positions, sense, stop))
 }
 
 /// The hashes of all vertices that have one, the same for a mirror image.
-fn either(kind: u64, codes: impl Fn(Sense) -> Vec<Code>) -> Vec<u64> {
-    let [along, against] = [Sense::Along, Sense::Against].map(codes);
+fn either(
+    kind: u64,
+    stop: Stop<'_>,
+    codes: impl Fn(Sense) -> Option<Vec<Code>>,
+) -> Option<Vec<u64>> {
+    let (along, against) = (codes(Sense::Along)?, codes(Sense::Against)?);
+    go_on(stop)?;
     let both = along.into_iter().zip(against).map(|(a, b)| a.hash.min(b.hash));
-    both.filter(|&hash| hash != 0).map(|hash| mix(hash, kind)).collect()
+    Some(both.filter(|&hash| hash != 0).map(|hash| mix(hash, kind)).collect())
 }
 
 /// Those that few vertices share, ascending, each once.
-fn rare(mut hashes: Vec<u64>) -> Vec<u64> {
-    hashes.par_sort_unstable();
+fn rare(hashes: Vec<u64>, stop: Stop<'_>) -> Option<Vec<u64>> {
+    let hashes = sorted(hashes, stop, Ord::cmp)?;
     let groups = hashes.chunk_by(|a, b| a == b).filter(|same| same.len() <= MOST_ALIKE);
-    groups.filter_map(|same| same.first().copied()).collect()
+    Some(groups.filter_map(|same| same.first().copied()).collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::stop::never;
     use crate::mesh::surface::Surface;
     use crate::sample::Sample;
 
@@ -222,7 +239,8 @@ mod tests {
     fn hashes_mean_the_same_in_every_release() {
         let sum = |hashes: Vec<u64>| (hashes.len(), hashes.into_iter().fold(0, mix));
         let shape = torus();
-        let parts = [connectivity_hashes(&shape), metric_hashes(&shape)].map(|h| sum(rare(h)));
+        let hashes = [connectivity_hashes(&shape, &never), metric_hashes(&shape, &never)];
+        let parts = hashes.map(|h| sum(rare(h.unwrap(), &never).unwrap()));
         assert_eq!(parts, [(137, 13_088_741_176_312_909_374), (112, 10_143_715_808_597_722_768)]);
         let outline = sum(Outline::new(&shape).0.map(u64::from).to_vec());
         assert_eq!(outline, (BYTES, 4_379_294_214_155_037_365));

@@ -9,7 +9,7 @@ use super::moments::by_moments;
 use super::nearest::mutual;
 use super::parts::{by_parts, sights};
 use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
-use super::scatter::{Point, scatter};
+use super::scatter::{Point, scatter_until};
 use super::similarity::Similarity;
 
 /// Points of the suspect that judge hypotheses, those that parts are described by, and those that
@@ -63,17 +63,17 @@ pub fn in_place(
     within: Within<'_>,
 ) -> Option<Alignment> {
     let start = suspect.shape.unit.inverse().then(&host.shape.unit);
-    let roughly = host.discs().judge(&start, &suspect.points, FINE, within);
+    let roughly = host.discs(within.stop)?.judge(&start, &suspect.points, FINE, within);
     if roughly.overlap < ROUGHLY * LEAST_OVERLAP {
         return None;
     }
-    let target = host.target()?;
+    let target = host.target(within.stop)?;
     let found = target.judge(&start, &suspect.points, FINE, within);
     if found.overlap < LEAST_OVERLAP {
         return None;
     }
     let found = if refined {
-        let points = scatter(&suspect.shape, REFINED);
+        let points = scatter_until(&suspect.shape, REFINED, within.stop)?;
         // (Half: what moved has its own to come.)
         finish(host, suspect, target, &found, &points, within.budget.share(2), within)
     } else {
@@ -98,7 +98,10 @@ pub fn by_surface(
     let guesses = by_moments(&host.points, &suspect.points, false);
     let mut fits = aligned(host, suspect, &guesses, within);
     if effort >= Effort::Thorough && fits.first().is_none_or(|fit| fit.overlap < WHOLE) {
-        let [there, here] = [&host.shape, &suspect.shape].map(|s| sights(&scatter(s, DESCRIBED)));
+        let described = |s| scatter_until(s, DESCRIBED, within.stop).map(|points| sights(&points));
+        let (Some(there), Some(here)) = (described(&host.shape), described(&suspect.shape)) else {
+            return Vec::new();
+        };
         let mut guesses = by_parts(&there, &here, within.stop);
         guesses.extend(by_moments(&host.points, &suspect.points, true));
         fits.extend(aligned(host, suspect, &guesses, within));
@@ -113,8 +116,10 @@ pub fn by_surface(
     if fits.is_empty() {
         return Vec::new();
     }
-    let Some(target) = host.target() else { return Vec::new() };
-    let points = scatter(&suspect.shape, REFINED);
+    let Some(target) = host.target(within.stop) else { return Vec::new() };
+    let Some(points) = scatter_until(&suspect.shape, REFINED, within.stop) else {
+        return Vec::new();
+    };
     // Half of what is left for each, the best first.
     let last = fits.iter().take(RETURNED).take_while(|_| !(within.stop)());
     let found =
@@ -150,7 +155,7 @@ fn aligned(
     guesses: &[Similarity],
     within: Within<'_>,
 ) -> Vec<Fit> {
-    let discs = host.discs();
+    let Some(discs) = host.discs(within.stop) else { return Vec::new() };
     let judges = suspect.some(JUDGES);
     // The reach of a small part must not span all of it.
     let reach = |s: &Similarity| ROUGH * s.scale.abs().clamp(0.2, 1.0);
@@ -163,7 +168,7 @@ fn aligned(
     let closer = |fit: &Fit, points: &[Point], to: f64, rounds: u32, share: u64| {
         let reach = reach(&fit.similarity);
         let end = to * reach / ROUGH;
-        let target = if end < DISCS_REACH { host.target() } else { None };
+        let target = if end < DISCS_REACH { host.target(within.stop) } else { None };
         let searched = target.and_then(|target| {
             let cost = cost_of_a_search(target, &fit.similarity, points, reach, within);
             let points = affordable(points, share / cost / u64::from(rounds + 1))?;

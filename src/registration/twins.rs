@@ -14,6 +14,7 @@ use super::polish::{Contact, polish};
 use super::rings::NONE;
 use super::shape::{Kind, Landmark, Shape};
 use super::similarity::{Pair, Similarity};
+use crate::mesh::stop::{STEP, Stop, go_on, mapped, once};
 
 /// A pair joins the others if it is nearer than this many of their medians.
 const NEAR: f64 = 8.0;
@@ -35,13 +36,13 @@ pub struct Landmarks {
 }
 
 impl Landmarks {
-    /// Collects them.
+    /// Collects them; `None` once `stop` answers `true`.
     #[must_use]
-    pub fn new(host: &Shape) -> Self {
-        Self {
-            connectivity: host.landmarks(Kind::Connectivity, Sense::Along),
-            metric: host.landmarks(Kind::Metric, Sense::Along),
-        }
+    pub fn new(host: &Shape, stop: Stop<'_>) -> Option<Self> {
+        Some(Self {
+            connectivity: host.landmarks(Kind::Connectivity, Sense::Along, stop)?,
+            metric: host.landmarks(Kind::Metric, Sense::Along, stop)?,
+        })
     }
 
     fn of(&self, kind: Kind) -> &[Landmark] {
@@ -77,17 +78,19 @@ pub struct Twins {
     pub median: f64,
 }
 
-/// Finds the vertices that suspect and host share. `None` if there are not enough of them.
+/// Finds the vertices that suspect and host share. `None` if there are not enough of them, or once
+/// `stop` answers `true`.
 #[must_use]
 pub fn twins(
     host: &Shape,
     landmarks: &Landmarks,
     suspect: &Shape,
     findable: &Findable,
+    stop: Stop<'_>,
 ) -> Option<Twins> {
     let mut best: Option<(Consensus, Vec<Seed>, Sense)> = None;
     for ((kind, sense), found) in WAYS.into_iter().zip(&findable.0) {
-        let found = found.get_or_init(|| suspect.landmarks(kind, sense));
+        let found = once(found, || suspect.landmarks(kind, sense, stop))?;
         let seeds = shared(found, landmarks.of(kind));
         let some = thinned(&seeds, SEEDS);
         let points: Vec<Pair> = some.map(|s| point_pair(host, suspect, s.pair)).collect();
@@ -103,7 +106,8 @@ pub fn twins(
         }
     }
     let (found, seeds, sense) = best?;
-    Some(grown(host, suspect, &seeds, sense, &found))
+    go_on(stop)?;
+    grown(host, suspect, &seeds, sense, &found, stop)
 }
 
 /// Two vertices with the same code, and where in their rings it begins.
@@ -134,24 +138,34 @@ fn shared(suspect: &[Landmark], host: &[Landmark]) -> Vec<Seed> {
 }
 
 /// Grows the pairs and fits the similarity to all of them.
-fn grown(host: &Shape, suspect: &Shape, seeds: &[Seed], sense: Sense, found: &Consensus) -> Twins {
-    let mut growth = Growth::new(host, suspect, sense, found);
-    for &seed in seeds {
-        growth.sow(seed);
+fn grown(
+    host: &Shape,
+    suspect: &Shape,
+    seeds: &[Seed],
+    sense: Sense,
+    found: &Consensus,
+    stop: Stop<'_>,
+) -> Option<Twins> {
+    let mut growth = Growth::new(host, suspect, sense, found, stop)?;
+    for step in seeds.chunks(STEP) {
+        go_on(stop)?;
+        step.iter().for_each(|&seed| growth.sow(seed));
     }
-    growth.spread();
+    growth.spread(stop)?;
     let mut pairs = growth.pairs();
     let some: Vec<[u32; 2]> = thinned(&pairs, POLISHED).copied().collect();
     let points: Vec<Pair> = some.iter().map(|&p| point_pair(host, suspect, p)).collect();
+    go_on(stop)?;
     let better = refine(&points, found.similarity).unwrap_or(*found);
     let similarity = polish(&contacts(host, suspect, &some), better.similarity);
+    go_on(stop)?;
     // What grew under the first similarity may look wrong under the better one.
     let limit = near(better.median);
     pairs.retain(|&pair| {
         let Pair { from, to, .. } = point_pair(host, suspect, pair);
         similarity.apply(from).distance(to) < limit
     });
-    Twins { similarity, pairs, median: better.median }
+    Some(Twins { similarity, pairs, median: better.median })
 }
 
 /// The pairs with the host's normals there, without those where it has none.
@@ -188,17 +202,23 @@ struct Growth<'a> {
 }
 
 impl<'a> Growth<'a> {
-    fn new(host: &'a Shape, suspect: &'a Shape, sense: Sense, found: &Consensus) -> Self {
-        Self {
+    fn new(
+        host: &'a Shape,
+        suspect: &'a Shape,
+        sense: Sense,
+        found: &Consensus,
+        stop: Stop<'_>,
+    ) -> Option<Self> {
+        Some(Self {
             host,
             suspect,
             sense,
-            placed: suspect.positions.iter().map(|&p| found.similarity.apply(p)).collect(),
+            placed: mapped(&suspect.positions, stop, |_, &p| found.similarity.apply(p))?,
             limit: near(found.median),
             host_of: vec![NONE; suspect.positions.len()],
             suspect_of: vec![NONE; host.positions.len()],
             queue: VecDeque::new(),
-        }
+        })
     }
 
     /// Pairs two vertices unless one is taken or they are too far apart; says whether it did.
@@ -221,8 +241,13 @@ impl<'a> Growth<'a> {
         }
     }
 
-    fn spread(&mut self) {
+    fn spread(&mut self, stop: Stop<'_>) -> Option<()> {
+        let mut number = 0_usize;
         while let Some(([s, h], [i, j])) = self.queue.pop_front() {
+            number += 1;
+            if number.is_multiple_of(STEP) {
+                go_on(stop)?;
+            }
             let (ours, theirs) = (self.suspect.rings.darts(s), self.host.rings.darts(h));
             let valence = ours.len();
             if valence != theirs.len() {
@@ -239,6 +264,7 @@ impl<'a> Growth<'a> {
                 }
             }
         }
+        Some(())
     }
 
     fn pairs(&self) -> Vec<[u32; 2]> {
@@ -251,11 +277,16 @@ impl<'a> Growth<'a> {
 mod tests {
     use super::*;
     use crate::mesh::Mesh;
+    use crate::mesh::stop::never;
     use crate::mesh::surface::Surface;
     use crate::registration::codes::mix;
     use crate::registration::similarity::tests::awkward;
     use crate::sample::Sample;
     use glam::DVec3;
+
+    fn landmarks(host: &Shape) -> Landmarks {
+        Landmarks::new(host, &never).unwrap()
+    }
 
     fn shape(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Shape {
         Shape::new(Surface::new(&Mesh::new(positions, triangles).unwrap())).unwrap()
@@ -308,7 +339,7 @@ mod tests {
                     let (positions, triangles) = cropped(&mesh, share, &place);
                     let suspect = shape(positions, triangles);
                     let found =
-                        twins(&host, &Landmarks::new(&host), &suspect, &Findable::default())
+                        twins(&host, &landmarks(&host), &suspect, &Findable::default(), &never)
                             .unwrap();
                     let error = centre_error(&host, &suspect, &found, &place);
                     assert!(error < 1e-9, "{share}: {error:e}");
@@ -334,7 +365,8 @@ mod tests {
             t.swap(0, 1);
         }
         let suspect = shape(positions, triangles);
-        let found = twins(&host, &Landmarks::new(&host), &suspect, &Findable::default()).unwrap();
+        let found =
+            twins(&host, &landmarks(&host), &suspect, &Findable::default(), &never).unwrap();
         let error = centre_error(&host, &suspect, &found, &place);
         assert!(error < 1e-4, "{error:e}");
         assert!(found.pairs.len() * 10 > suspect.positions.len() * 9, "{}", found.pairs.len());
@@ -346,6 +378,6 @@ mod tests {
         let host = shape(host.positions().to_vec(), host.triangles().to_vec());
         let other = irregular(Sample::Blob, 6000);
         let other = shape(other.positions().to_vec(), other.triangles().to_vec());
-        assert_eq!(twins(&host, &Landmarks::new(&host), &other, &Findable::default()), None);
+        assert_eq!(twins(&host, &landmarks(&host), &other, &Findable::default(), &never), None);
     }
 }

@@ -14,6 +14,7 @@
 use super::Modulation;
 use super::bins::contribution;
 use crate::mesh::powers::squared;
+use crate::mesh::stop::Stop;
 
 /// What one vertex of a bin may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,9 +71,14 @@ pub struct Solution {
 impl Allocation<'_> {
     /// The multiplier at which the mean of the statistic reaches `target`, or the one at which
     /// it comes as near as the ranges allow.
+    ///
+    /// Asks `stop` before each look at all vertices; what comes out once it answers `true` is worth
+    /// nothing.
     #[must_use]
-    pub fn solve(&self, target: f64) -> Solution {
-        let (multiplier, reached) = solve(|m| self.statistic(m), target, self.guess(target));
+    pub fn solve(&self, target: f64, stop: Stop<'_>) -> Solution {
+        // (No number: which ends the search.)
+        let statistic = |m| if stop() { f64::NAN } else { self.statistic(m) };
+        let (multiplier, reached) = solve(statistic, target, self.guess(target));
         Solution { multiplier, reached }
     }
 
@@ -158,7 +164,7 @@ fn scaled(kappa: f64, t: f64, freedom: &Freedom) -> f64 {
 fn solve(statistic: impl Fn(f64) -> f64, target: f64, guess: f64) -> (f64, bool) {
     let error = |x: f64| statistic(x) - target;
     let at_rest = error(0.0);
-    if at_rest.abs() <= TOLERANCE {
+    if at_rest.is_nan() || at_rest.abs() <= TOLERANCE {
         return (0.0, true);
     }
     let sign = -at_rest.signum();
@@ -169,7 +175,7 @@ fn solve(statistic: impl Fn(f64) -> f64, target: f64, guess: f64) -> (f64, bool)
     for doubling in 0..40 {
         far = sign * guess * libm::exp2(f64::from(doubling));
         far_error = error(far);
-        if far_error * sign >= 0.0 {
+        if far_error.is_nan() || far_error * sign >= 0.0 {
             break;
         }
         (near, near_error) = (far, far_error);
@@ -182,7 +188,7 @@ fn solve(statistic: impl Fn(f64) -> f64, target: f64, guess: f64) -> (f64, bool)
         // Where the statistic jumps (at the variance's pole), halving still converges.
         let x = if x.is_finite() { x } else { f64::midpoint(near, far) };
         let found = error(x);
-        if found.abs() <= TOLERANCE || (far - near).abs() <= 1e-14 * far.abs() {
+        if found.is_nan() || found.abs() <= TOLERANCE || (far - near).abs() <= 1e-14 * far.abs() {
             return (x, true);
         }
         if found * sign > 0.0 {
@@ -199,6 +205,7 @@ fn solve(statistic: impl Fn(f64) -> f64, target: f64, guess: f64) -> (f64, bool)
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::stop::never;
 
     fn bin(n: u32) -> (Vec<f64>, Vec<Freedom>) {
         let unit = |i: u32, step: f64| (f64::from(i) * step).fract();
@@ -223,7 +230,7 @@ mod tests {
     ) -> bool {
         let before = places.to_vec();
         let problem = Allocation { modulation, places: &before, freedoms };
-        let solution = problem.solve(target);
+        let solution = problem.solve(target, &never);
         problem.apply(solution.multiplier, places);
         solution.reached
     }
@@ -240,9 +247,10 @@ mod tests {
                 all.map(|((a, b), f)| (a - b) * (a - b) / f.compliance).sum()
             };
             let target = modulation.neutral() + 0.04;
-            let [low, high] = [target - 1e-5, target + 1e-5].map(|t| problem.solve(t).multiplier);
+            let [low, high] =
+                [target - 1e-5, target + 1e-5].map(|t| problem.solve(t, &never).multiplier);
             let slope = (cost(high) - cost(low)) / 2e-5;
-            let price = problem.price(problem.solve(target).multiplier);
+            let price = problem.price(problem.solve(target, &never).multiplier);
             assert!((slope / price - 1.0).abs() < 0.02, "{modulation}: {slope} {price}");
             let back = problem.at_price(price, true);
             assert!((problem.statistic(back) - target).abs() < 1e-6);

@@ -9,6 +9,7 @@
 use rayon::prelude::*;
 
 use super::allocation::Allocation;
+use crate::mesh::stop::Stop;
 
 /// The price at which a bin stops, as a multiple of the median bin's at full strength.
 const DEAREST: f64 = 2.0;
@@ -19,14 +20,19 @@ const RANGE: (f64, f64) = (0.25, 1.25);
 
 /// The margin that each bin is to have; their mean is `strength` as far as the bounds allow.
 /// Where more than half of the bins that must move cannot reach `strength` at any price, all are to
-/// come as near to it as they can.
+/// come as near to it as they can. What comes out once `stop` answers `true` is worth nothing.
 #[must_use]
-pub fn margins(allocations: &[Allocation<'_>], bits: &[bool], strength: f64) -> Vec<f64> {
+pub fn margins(
+    allocations: &[Allocation<'_>],
+    bits: &[bool],
+    strength: f64,
+    stop: Stop<'_>,
+) -> Vec<f64> {
     let bins = allocations.par_iter().zip(bits).with_max_len(1);
     // A bin that cannot reach its target has no price: infinite.
     let prices: Vec<f64> = bins
         .map(|(bin, &bit)| {
-            let solution = bin.solve(statistic(bin, bit, strength));
+            let solution = bin.solve(statistic(bin, bit, strength), stop);
             let already = solution.multiplier == 0.0 || (solution.multiplier > 0.0) != bit;
             match (already, solution.reached) {
                 (true, _) => 0.0,
@@ -49,7 +55,7 @@ pub fn margins(allocations: &[Allocation<'_>], bits: &[bool], strength: f64) -> 
         .zip(&prices)
         .with_max_len(1)
         .map(|((bin, &bit), &price)| {
-            if price <= dearest {
+            if price <= dearest || stop() {
                 return strength;
             }
             let reached = bin.statistic(bin.at_price(dearest, bit)) - bin.modulation.neutral();

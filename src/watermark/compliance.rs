@@ -8,10 +8,10 @@
 //! distortion). Triangles are what `guard` looks after.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::exact::{Factors, LAMBDA, penalised};
 use crate::mesh::quadric::Quadric;
+use crate::mesh::stop::{Stop, mapped};
 use crate::mesh::surface::Surface;
 
 /// What the compliance of one carrier is made of.
@@ -40,12 +40,16 @@ impl Pliancy {
     }
 }
 
-/// The pliancy of every carrier about `centre`.
+/// The pliancy of every carrier about `centre`; `None` once `stop` answers `true`.
 #[must_use]
-pub fn pliancies(surface: &Surface, quadrics: &[Quadric], centre: DVec3) -> Vec<Pliancy> {
-    let pliancy = |(&position, &quadric): (&DVec3, &Quadric)| Pliancy {
+pub fn pliancies(
+    surface: &Surface,
+    quadrics: &[Quadric],
+    centre: DVec3,
+    stop: Stop<'_>,
+) -> Option<Vec<Pliancy>> {
+    mapped(quadrics, stop, |carrier, &quadric| Pliancy {
         quadric,
-        direction: (position - centre).normalize_or_zero(),
-    };
-    surface.positions.par_iter().zip(quadrics).with_min_len(1024).map(pliancy).collect()
+        direction: (surface.positions[carrier] - centre).normalize_or_zero(),
+    })
 }

@@ -15,7 +15,8 @@ use super::fixed_point::FixedPoint;
 use super::modulate::State;
 use super::pass::{Host, Passed, Passes};
 use super::{Codeword, EmbedParams, Method, Shaping, WatermarkError};
-use crate::mesh::turning::flipped_triangles;
+use crate::mesh::stop::{Stop, go_on};
+use crate::mesh::turning::flipped_until;
 
 /// Rounds after which the best one is taken if it reads every bit. Meshes settle in one to six;
 /// those that oscillate do so within a dozen.
@@ -75,7 +76,7 @@ pub struct Embedding {
 
 /// Embeds `codeword` (its length is the number of bins).
 ///
-/// `stop` is asked between passes; when it answers `true` the work is given up.
+/// `stop` is asked between passes and within them; when it answers `true` the work is given up.
 ///
 /// A mesh on which the allocation of an `exact` method does not settle is embedded with the
 /// paper's placement of the same modulation instead, so that it accepts whatever `qsp` accepts;
@@ -90,7 +91,7 @@ pub fn embed(
     host: Host<'_>,
     codeword: &Codeword,
     params: &EmbedParams,
-    stop: &dyn Fn() -> bool,
+    stop: Stop<'_>,
 ) -> Result<Embedding, WatermarkError> {
     let result = embed_as_asked(host, codeword, params, stop);
     let paper = match params.method {
@@ -110,11 +111,12 @@ fn embed_as_asked(
     host: Host<'_>,
     codeword: &Codeword,
     params: &EmbedParams,
-    stop: &dyn Fn() -> bool,
+    stop: Stop<'_>,
 ) -> Result<Embedding, WatermarkError> {
-    let centre = host.surface.centre();
+    let cancelled = WatermarkError::Cancelled;
+    let centre = host.surface.centre_until(stop).ok_or(cancelled.clone())?;
     let host_frame = Frame::spanning(centre, &norms(&host.surface.positions, centre));
-    let passes = Passes::new(host, codeword, params);
+    let passes = Passes::new(host, codeword, params, stop).ok_or(cancelled.clone())?;
     let strength = params.strength.get();
     let judge = Judge { codeword, strength, vertices: host.surface.positions.len() };
     let before = passes.read(centre, &norms(&host.surface.positions, centre));
@@ -127,19 +129,21 @@ fn embed_as_asked(
     let mut best: Option<Embedding> = None;
     let mut best_rank: Option<(usize, usize, f64)> = None;
     for rounds in 1..=if params.closed_loop { MAX_ROUNDS } else { 1 } {
-        if stop() {
-            return Err(WatermarkError::Cancelled);
-        }
-        let Passed { positions, wanted } = passes.run(search.at(), &mut state)?;
-        let carriers = passes.carriers_of(&positions);
-        let centre = host.surface.centre_at(&carriers);
+        let Passed { positions, wanted } = passes.run(search.at(), &mut state, stop)?;
+        let carriers = passes.carriers_of(&positions, stop).ok_or(cancelled.clone())?;
+        let centre = host.surface.centre_at_until(&carriers, stop).ok_or(cancelled.clone())?;
         let shift = (centre - search.at()).length() / width;
         search.learn(centre);
         state.memory.trusted = shift <= FAMILIAR_SHIFT;
         let reading = passes
             .read(centre, &norms(&carriers, centre))
             .ok_or(WatermarkError::NoRadialExtent { vertices: carriers.len() })?;
-        let flipped = if guards { flipped_triangles(host.surface, &carriers).len() } else { 0 };
+        let flipped = if guards {
+            flipped_until(host.surface, &carriers, stop)
+        } else {
+            go_on(stop).map(|()| Vec::new())
+        };
+        let flipped = flipped.ok_or(cancelled.clone())?.len();
         let Judgement { right: usable_bins, wrong, smallest_margin } = judge.judge(&reading);
         if shift <= SETTLED_SHIFT {
             correct(&mut state.corrections, codeword, &reading, &wanted);

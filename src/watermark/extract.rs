@@ -5,6 +5,7 @@ use super::bins::{BinStatistic, Frame, Lattice, norms, statistics};
 use super::codeword::Schedule;
 use super::{BitCount, MarkKey, Message, Modulation, WatermarkError};
 use crate::mesh::Mesh;
+use crate::mesh::stop::{Stop, go_on, never};
 use crate::mesh::surface::Surface;
 
 /// The bins of a surface as one lattice sees them.
@@ -105,9 +106,24 @@ pub fn extract_from_surface(
     bits: BitCount,
     modulation: Modulation,
 ) -> Result<Extraction, WatermarkError> {
+    extract_until(surface, key, bits, modulation, &never)
+}
+
+/// The same, as long as `stop` answers `false`.
+///
+/// # Errors
+/// Also [`WatermarkError::Cancelled`].
+pub fn extract_until(
+    surface: &Surface,
+    key: &MarkKey,
+    bits: BitCount,
+    modulation: Modulation,
+    stop: Stop<'_>,
+) -> Result<Extraction, WatermarkError> {
     let schedule = Schedule::new(key, bits);
-    let centre = surface.centre();
+    let centre = surface.centre_until(stop).ok_or(WatermarkError::Cancelled)?;
     let norms = norms(&surface.positions, centre);
+    go_on(stop).ok_or(WatermarkError::Cancelled)?;
     let frame = Frame::spanning(centre, &norms);
     let reading = Reading::in_frame(frame, &norms, schedule.lattice_class, bits, modulation)
         .ok_or(WatermarkError::NoRadialExtent { vertices: surface.positions.len() })?;

@@ -7,13 +7,12 @@
 //! neighbours). What a bin loses that way the next round's allocation takes from its other
 //! vertices, for stiffness is remembered: the guard is paid for in distortion, not in bits.
 
-use glam::DVec3;
-use rayon::prelude::*;
-
 use super::compliance::Pliancy;
 use super::placement::PlacementSurface;
+use crate::mesh::stop::{Stop, chosen, go_on, mapped};
 use crate::mesh::surface::Surface;
-use crate::mesh::turning::{flipped_triangles, is_flipped};
+use crate::mesh::turning::{flipped_until, is_flipped};
+use glam::DVec3;
 
 /// By how much a corner of a turned triangle is stiffened at a step. With 2 the hammer was distorted
 /// twice as much and the dragon needed more rounds, with 4 the gear half as much again; stiffening
@@ -74,29 +73,41 @@ pub struct Guard<'a> {
 
 impl Guard<'_> {
     /// Stiffens the corners of turned triangles and moves them anew, until no triangle is turned
-    /// or the steps are spent.
-    pub fn ease(&self, moves: &mut Moves<'_>, stiffness: &mut Stiffness) {
-        let mut turned = flipped_triangles(self.surface, moves.placed);
+    /// or the steps are spent. `None` once `stop` answers `true`.
+    pub fn ease(
+        &self,
+        moves: &mut Moves<'_>,
+        stiffness: &mut Stiffness,
+        stop: Stop<'_>,
+    ) -> Option<()> {
+        let mut turned = flipped_until(self.surface, moves.placed, stop)?;
         let mut marks = Marks::new(self.surface);
         for _ in 0..MOST_STEPS {
             if turned.is_empty() {
-                return;
+                break;
             }
+            go_on(stop)?;
             stiffness.factors.resize(moves.placed.len(), 1.0);
             let corners = marks.corners_of(self.surface, &turned);
-            self.stiffen(&corners, moves, stiffness);
+            go_on(stop)?;
+            self.stiffen(&corners, moves, stiffness, stop)?;
             // Only a triangle with a corner that moved anew can have changed.
             let touched = marks.triangles_at(self.placement, &corners);
-            turned = touched
-                .into_par_iter()
-                .with_min_len(1024)
-                .filter(|&t| is_flipped(self.surface, t, moves.placed))
-                .collect();
+            let placed = &*moves.placed;
+            turned =
+                chosen(&touched, stop, |_, &t| is_flipped(self.surface, t, placed).then_some(t))?;
         }
+        Some(())
     }
 
-    fn stiffen(&self, corners: &[u32], moves: &mut Moves<'_>, stiffness: &mut Stiffness) {
-        let anew = |&corner: &u32| {
+    fn stiffen(
+        &self,
+        corners: &[u32],
+        moves: &mut Moves<'_>,
+        stiffness: &mut Stiffness,
+        stop: Stop<'_>,
+    ) -> Option<()> {
+        let anew = |_, &corner: &u32| {
             let v = corner as usize;
             let (before, rho, new_rho) = (stiffness.factors[v], moves.rho[v], moves.new_rho[v]);
             let after = (before * STIFFENING).min(STIFFEST);
@@ -110,11 +121,12 @@ impl Guard<'_> {
             let new_rho = rho + (new_rho - rho) * share;
             (after, new_rho, self.placement.exact(moves.centre, v, rho, new_rho, after))
         };
-        let anew: Vec<_> = corners.par_iter().with_min_len(256).map(anew).collect();
+        let anew = mapped(corners, stop, anew)?;
         for (&corner, (factor, new_rho, placed)) in corners.iter().zip(anew) {
             let v = corner as usize;
             (stiffness.factors[v], moves.new_rho[v], moves.placed[v]) = (factor, new_rho, placed);
         }
+        Some(())
     }
 }
 
@@ -158,6 +170,7 @@ mod tests {
     use super::super::bins::norms;
     use super::super::compliance::pliancies;
     use super::*;
+    use crate::mesh::stop::never;
     use crate::mesh::turning::turning;
     use crate::sample::Sample;
 
@@ -165,8 +178,8 @@ mod tests {
     fn turned_triangles_are_turned_back_and_the_stiffness_is_remembered() {
         let surface = Surface::new(&Sample::Blob.mesh(9000).unwrap());
         let centre = surface.centre();
-        let placement = PlacementSurface::new(&surface);
-        let pliancies = pliancies(&surface, &placement.quadrics, centre);
+        let placement = PlacementSurface::new(&surface, &never).unwrap();
+        let pliancies = pliancies(&surface, &placement.quadrics, centre, &never).unwrap();
         let guard = Guard { surface: &surface, placement: &placement, pliancies: &pliancies };
         let rho = norms(&surface.positions, centre);
         // Every third vertex goes far.
@@ -183,7 +196,7 @@ mod tests {
         assert!(turning(&surface, &placed).flipped > 100);
         let mut stiffness = Stiffness::default();
         let moves = &mut Moves { centre, rho: &rho, new_rho: &mut new_rho, placed: &mut placed };
-        guard.ease(moves, &mut stiffness);
+        guard.ease(moves, &mut stiffness, &never).unwrap();
         assert_eq!(turning(&surface, &placed).flipped, 0);
         for (v, (position, new_rho)) in placed.iter().zip(&new_rho).enumerate() {
             assert!(((*position - centre).length() - new_rho).abs() < 1e-12, "{v}");

@@ -35,7 +35,7 @@ pub use capacity::needed_bins;
 pub use codeword::{Codeword, LATTICE_CLASSES, MarkKey, Message, Schedule};
 pub use embed::{Embedding, embed};
 pub use error::WatermarkError;
-pub use extract::{Extraction, Reading, extract, extract_from_surface};
+pub use extract::{Extraction, Reading, extract, extract_from_surface, extract_until};
 pub use index::{Candidate, CodewordIndex, GroupKey, Hypothesis, Search, Worth};
 pub use matched::{Comparison, HostFilter, Sighting};
 pub use params::{BitCount, EmbedParams, Method, Modulation, Placement, Shaping, Strength};

@@ -10,6 +10,7 @@ use super::guard::Stiffness;
 use super::power_map::power_map;
 use super::sorted::{BinMemory, BinSlice, SortedByBin};
 use super::{Codeword, EmbedParams, Shaping};
+use crate::mesh::stop::{Stop, go_on, mapped};
 
 /// In the closed loop a moved vertex keeps this share of the bin's width away from its edges,
 /// so that a slight shift of the centre or a conversion cannot tip it over.
@@ -63,22 +64,31 @@ pub struct Modulator<'a> {
 
 impl<'a> Modulator<'a> {
     /// For carriers of which some are `fixed`; `pliancies` may be empty where nothing is allocated.
+    /// `None` once `stop` answers `true`.
     #[must_use]
     pub fn new(
         codeword: &'a Codeword,
         params: &'a EmbedParams,
         fixed: Vec<bool>,
         pliancies: Vec<Pliancy>,
-    ) -> Self {
-        let compliances = pliancies.par_iter().map(|pliancy| pliancy.at(1.0)).collect();
-        Self { codeword, params, fixed, pliancies, compliances }
+        stop: Stop<'_>,
+    ) -> Option<Self> {
+        let compliances = mapped(&pliancies, stop, |_, pliancy| pliancy.at(1.0))?;
+        Some(Self { codeword, params, fixed, pliancies, compliances })
     }
 
     /// New norms: each bin's statistic is moved to its goal on the side of its bit. In the closed
-    /// loop a bin that is already beyond its goal on the right side is left alone.
+    /// loop a bin that is already beyond its goal on the right side is left alone. `None` once `stop`
+    /// answers `true`.
     #[must_use]
-    pub fn modulate(&self, rho: &[f64], lattice: &Lattice, state: &mut State) -> Modulated {
-        let sorted = SortedByBin::new(rho, lattice, &self.fixed, &state.memory);
+    pub fn modulate(
+        &self,
+        rho: &[f64],
+        lattice: &Lattice,
+        state: &mut State,
+        stop: Stop<'_>,
+    ) -> Option<Modulated> {
+        let sorted = SortedByBin::new(rho, lattice, &self.fixed, &state.memory, stop)?;
         if self.params.closed_loop {
             state.memory.keep(&sorted, rho.len());
         }
@@ -86,12 +96,14 @@ impl<'a> Modulator<'a> {
         let (freedoms, wanted) = match self.params.method.shaping() {
             Shaping::PowerMap => (Vec::new(), vec![strength; lattice.bins]),
             Shaping::Allocation => {
-                let freedoms = self.freedoms(&sorted, &state.stiffness);
+                let freedoms = self.freedoms(&sorted, &state.stiffness, stop)?;
                 let bins = (0..lattice.bins).map(|bin| self.allocation(&sorted, &freedoms, bin));
-                let wanted = margins(&bins.collect::<Vec<_>>(), self.codeword.bits(), strength);
+                let bins: Vec<_> = bins.collect();
+                let wanted = margins(&bins, self.codeword.bits(), strength, stop);
                 (freedoms, wanted)
             }
         };
+        go_on(stop)?;
         let (mut places, mut logs) = (sorted.places.clone(), vec![0.0; sorted.places.len()]);
         let moved: Vec<bool> = sorted
             .slices(&mut places, &mut logs)
@@ -104,18 +116,20 @@ impl<'a> Modulator<'a> {
                 match self.params.method.shaping() {
                     Shaping::PowerMap => {
                         let modulation = self.params.method.modulation();
-                        power_map(modulation, slice.places, slice.logs, target);
+                        power_map(modulation, slice.places, slice.logs, target, stop);
                     }
                     Shaping::Allocation => {
                         let problem = self.allocation(&sorted, &freedoms, slice.bin);
-                        problem.apply(problem.solve(target).multiplier, slice.places);
+                        let solution = problem.solve(target, stop);
+                        problem.apply(solution.multiplier, slice.places);
                     }
                 }
                 true
             })
             .collect();
+        go_on(stop)?;
         let norms = self.new_norms(rho, lattice, &sorted, &places, &moved);
-        Modulated { norms, wanted }
+        Some(Modulated { norms, wanted })
     }
 
     /// The statistic that a bin must be moved to; `None` when it may stay.
@@ -158,8 +172,13 @@ impl<'a> Modulator<'a> {
     }
 
     /// What each sorted carrier may do, clear of its bin's edges.
-    fn freedoms(&self, sorted: &SortedByBin, stiffness: &Stiffness) -> Vec<Freedom> {
-        let freedom = |(&carrier, &t): (&u32, &f64)| {
+    fn freedoms(
+        &self,
+        sorted: &SortedByBin,
+        stiffness: &Stiffness,
+        stop: Stop<'_>,
+    ) -> Option<Vec<Freedom>> {
+        mapped(&sorted.carriers, stop, |place, &carrier| {
             let carrier = carrier as usize;
             let factor = stiffness.of(carrier);
             let stiffened = factor > 1.0;
@@ -168,9 +187,8 @@ impl<'a> Modulator<'a> {
             } else {
                 self.compliances[carrier]
             };
-            Freedom::new(compliance, t)
-        };
-        sorted.carriers.par_iter().zip(&sorted.places).with_min_len(4096).map(freedom).collect()
+            Freedom::new(compliance, sorted.places[place])
+        })
     }
 
     fn allocation<'s>(

@@ -1,7 +1,6 @@
 //! One pass of an embedding: from the original mesh to moved, rounded positions.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::bins::{Frame, Lattice, norms};
 use super::compliance::pliancies;
@@ -11,6 +10,7 @@ use super::modulate::{Modulated, Modulator, State};
 use super::placement::{PlacementSurface, radial};
 use super::{Codeword, EmbedParams, Placement, Shaping, WatermarkError};
 use crate::mesh::Mesh;
+use crate::mesh::stop::{Stop, changed, go_on, mapped};
 use crate::mesh::surface::Surface;
 
 /// What one pass makes.
@@ -31,7 +31,8 @@ pub struct Host<'a> {
     pub surface: &'a Surface,
     /// File vertices that cannot move.
     pub pinned: &'a [u32],
-    /// Replaces positions of all file vertices by what the written file reads back as.
+    /// Replaces positions of all file vertices by what the written file reads back as. Who is to stop
+    /// meanwhile leaves them as they are.
     pub round: &'a (dyn Fn(&mut [DVec3]) + Sync),
 }
 
@@ -43,17 +44,22 @@ pub struct Passes<'a> {
 }
 
 impl<'a> Passes<'a> {
-    /// Prepares placement and marks what cannot move.
+    /// Prepares placement and marks what cannot move. `None` once `stop` answers `true`.
     #[must_use]
-    pub fn new(host: Host<'a>, codeword: &'a Codeword, params: &'a EmbedParams) -> Self {
+    pub fn new(
+        host: Host<'a>,
+        codeword: &'a Codeword,
+        params: &'a EmbedParams,
+        stop: Stop<'_>,
+    ) -> Option<Self> {
         let surface = host.surface;
         let placement = match params.method.placement() {
             Placement::Radial => None,
-            Placement::Qsp | Placement::Exact => Some(PlacementSurface::new(surface)),
+            Placement::Qsp | Placement::Exact => Some(PlacementSurface::new(surface, stop)?),
         };
         let pliancies = match (&placement, params.method.shaping()) {
             (Some(PlacementSurface { quadrics, .. }), Shaping::Allocation) => {
-                pliancies(surface, quadrics, surface.centre())
+                pliancies(surface, quadrics, surface.centre_until(stop)?, stop)?
             }
             _ => Vec::new(),
         };
@@ -64,7 +70,8 @@ impl<'a> Passes<'a> {
                 *fixed = true;
             }
         }
-        Self { host, placement, modulator: Modulator::new(codeword, params, fixed, pliancies) }
+        let modulator = Modulator::new(codeword, params, fixed, pliancies, stop)?;
+        Some(Self { host, placement, modulator })
     }
 
     /// What a blind reader sees of carriers with these `norms` about `centre`.
@@ -79,25 +86,35 @@ impl<'a> Passes<'a> {
     /// One pass from the original mesh, about `centre`: modulate, place, round.
     ///
     /// # Errors
-    /// [`WatermarkError::NoRadialExtent`].
-    pub fn run(&self, centre: DVec3, state: &mut State) -> Result<Passed, WatermarkError> {
+    /// [`WatermarkError::NoRadialExtent`]; [`WatermarkError::Cancelled`] once `stop` answers `true`.
+    pub fn run(
+        &self,
+        centre: DVec3,
+        state: &mut State,
+        stop: Stop<'_>,
+    ) -> Result<Passed, WatermarkError> {
+        let cancelled = WatermarkError::Cancelled;
         let surface = self.host.surface;
         let codeword = self.modulator.codeword;
         let rho = norms(&surface.positions, centre);
         let frame = Frame::spanning(centre, &rho);
         let lattice = Lattice::new(&frame, codeword.lattice_class(), codeword.bit_count())
             .ok_or(WatermarkError::NoRadialExtent { vertices: rho.len() })?;
-        let mut modulated = self.modulator.modulate(&rho, &lattice, state);
-        let placed = self.place(centre, &rho, &mut modulated, state);
+        let modulated = self.modulator.modulate(&rho, &lattice, state, stop);
+        let mut modulated = modulated.ok_or(cancelled.clone())?;
+        let placed = self.place(centre, &rho, &mut modulated, state, stop);
+        let placed = placed.ok_or(cancelled.clone())?;
         let mut positions = self.host.mesh.positions().to_vec();
-        positions.par_iter_mut().zip(&surface.carrier_of).for_each(|(position, &carrier)| {
-            if let Some(&placed) = placed.get(carrier as usize)
+        let moved = changed(&mut positions, stop, |vertex, position| {
+            if let Some(&placed) = placed.get(surface.carrier_of[vertex] as usize)
                 && placed != *position
             {
                 *position = placed;
             }
         });
+        moved.ok_or(cancelled.clone())?;
         (self.host.round)(&mut positions);
+        go_on(stop).ok_or(cancelled)?;
         Ok(Passed { positions, wanted: modulated.wanted })
     }
 
@@ -108,7 +125,8 @@ impl<'a> Passes<'a> {
         rho: &[f64],
         modulated: &mut Modulated,
         state: &mut State,
-    ) -> Vec<DVec3> {
+        stop: Stop<'_>,
+    ) -> Option<Vec<DVec3>> {
         let method = self.modulator.params.method;
         let new_rho = &mut modulated.norms;
         let place = |carrier: usize, v: DVec3| {
@@ -125,27 +143,19 @@ impl<'a> Passes<'a> {
                 _ => radial(centre, v, rho, new_rho),
             }
         };
-        let mut placed: Vec<DVec3> = self
-            .host
-            .surface
-            .positions
-            .par_iter()
-            .with_min_len(1024)
-            .enumerate()
-            .map(|(carrier, &v)| place(carrier, v))
-            .collect();
+        let mut placed = mapped(&self.host.surface.positions, stop, |k, &v| place(k, v))?;
         if let (Some(placement), Shaping::Allocation) = (&self.placement, method.shaping()) {
             let pliancies = &self.modulator.pliancies;
             let guard = Guard { surface: self.host.surface, placement, pliancies };
             let placed = &mut placed;
-            guard.ease(&mut Moves { centre, rho, new_rho, placed }, &mut state.stiffness);
+            guard.ease(&mut Moves { centre, rho, new_rho, placed }, &mut state.stiffness, stop)?;
         }
-        placed
+        Some(placed)
     }
 
-    /// Positions of the carriers among those of all file vertices.
+    /// Positions of the carriers among those of all file vertices; `None` once `stop` answers `true`.
     #[must_use]
-    pub fn carriers_of(&self, positions: &[DVec3]) -> Vec<DVec3> {
-        self.host.surface.first_vertex.par_iter().map(|&v| positions[v as usize]).collect()
+    pub fn carriers_of(&self, positions: &[DVec3], stop: Stop<'_>) -> Option<Vec<DVec3>> {
+        mapped(&self.host.surface.first_vertex, stop, |_, &v| positions[v as usize])
     }
 }

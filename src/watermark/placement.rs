@@ -6,6 +6,7 @@ use glam::DVec3;
 use super::exact::{LAMBDA, on_sphere, penalised};
 use crate::mesh::adjacency::Adjacency;
 use crate::mesh::quadric::Quadric;
+use crate::mesh::stop::{Stop, counted};
 use crate::mesh::surface::Surface;
 
 /// Share of the plain squared displacement in the cost that ranks candidates. On a flat region
@@ -32,20 +33,15 @@ pub struct PlacementSurface<'a> {
 }
 
 impl<'a> PlacementSurface<'a> {
-    /// Adjacency and quadrics of the original surface.
+    /// Adjacency and quadrics of the original surface; `None` once `stop` answers `true`.
     #[must_use]
-    pub fn new(surface: &'a Surface) -> Self {
-        use rayon::prelude::*;
-        let adjacency = Adjacency::new(surface.positions.len(), &surface.triangles);
-        let quadrics = (0..surface.positions.len())
-            .into_par_iter()
-            .with_min_len(4096)
-            .map(|v| {
-                let around = adjacency.around(v).iter();
-                Quadric::of_triangles(around.map(|&t| corners(surface, t)))
-            })
-            .collect();
-        Self { surface, adjacency, quadrics }
+    pub fn new(surface: &'a Surface, stop: Stop<'_>) -> Option<Self> {
+        let adjacency = Adjacency::new_until(surface.positions.len(), &surface.triangles, stop)?;
+        let quadrics = counted(surface.positions.len(), stop, |v| {
+            let around = adjacency.around(v).iter();
+            Quadric::of_triangles(around.map(|&t| corners(surface, t)))
+        })?;
+        Some(Self { surface, adjacency, quadrics })
     }
 
     /// Quadric selective placement (paper eq. 17-20) of carrier `vertex` at distance `new_rho`
@@ -176,6 +172,7 @@ fn closest_to_origin([a, b, c]: [DVec3; 3]) -> DVec3 {
 mod tests {
     use super::*;
     use crate::mesh::Mesh;
+    use crate::mesh::stop::never;
 
     /// A vertex in the middle of a ring, a little above or below it.
     fn tent(height: f64, centre: DVec3) -> Surface {
@@ -202,7 +199,8 @@ mod tests {
     #[test]
     fn every_place_is_on_its_sphere() {
         for (surface, rho, new_rho) in cases() {
-            let placed = PlacementSurface::new(&surface).qsp(DVec3::ZERO, 0, rho, new_rho);
+            let placed =
+                PlacementSurface::new(&surface, &never).unwrap().qsp(DVec3::ZERO, 0, rho, new_rho);
             assert!((placed.length() - new_rho).abs() < 1e-12, "{rho} -> {new_rho}");
             let along = radial(DVec3::ZERO, surface.positions[0], rho, new_rho);
             assert!((along.length() - new_rho).abs() < 1e-12);
@@ -212,7 +210,7 @@ mod tests {
     #[test]
     fn qsp_never_costs_more_than_radial_placement() {
         for (surface, rho, new_rho) in cases() {
-            let prepared = PlacementSurface::new(&surface);
+            let prepared = PlacementSurface::new(&surface, &never).unwrap();
             let v = surface.positions[0];
             let placed = prepared.qsp(DVec3::ZERO, 0, rho, new_rho);
             let along = radial(DVec3::ZERO, v, rho, new_rho);
@@ -225,7 +223,7 @@ mod tests {
     #[test]
     fn no_candidate_of_qsp_beats_the_exact_place() {
         for (surface, rho, new_rho) in cases() {
-            let prepared = PlacementSurface::new(&surface);
+            let prepared = PlacementSurface::new(&surface, &never).unwrap();
             let (v, b) = (surface.positions[0], penalised(&prepared.quadrics[0], LAMBDA));
             let cost = |x: DVec3| (x - v).dot(b * (x - v));
             let exact = prepared.exact(DVec3::ZERO, 0, rho, new_rho, 1.0);
@@ -244,7 +242,8 @@ mod tests {
         let flat: Vec<DVec3> = plane.positions.iter().map(|p| DVec3::new(p.x, p.y, 2.0)).collect();
         let surface = Surface { positions: flat, ..plane };
         let rho = surface.positions[0].length();
-        let placed = PlacementSurface::new(&surface).qsp(DVec3::ZERO, 0, rho, rho + 0.01);
+        let placed =
+            PlacementSurface::new(&surface, &never).unwrap().qsp(DVec3::ZERO, 0, rho, rho + 0.01);
         assert!((placed.z - 2.0).abs() < 1e-12);
     }
 

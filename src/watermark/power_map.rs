@@ -2,6 +2,7 @@
 //! raised to one power, chosen so that the bin's statistic reaches its target.
 
 use super::Modulation;
+use crate::mesh::stop::{STEP, Stop};
 
 /// Range of `ln beta` that is searched. `e^7` moves the mean of an even bin to 0.001 and back to
 /// 0.999: further than any strength asks for.
@@ -25,21 +26,32 @@ const LEAST_PLACE: f64 = 1e-300;
 /// is bracketed and Newton's steps on `ln beta` are safeguarded by the bracket. A target beyond
 /// what the bracket reaches gives the nearest that it does (all places 0, say, cannot move).
 ///
-/// `logs` is scratch of the same length.
-pub fn power_map(modulation: Modulation, places: &mut [f64], logs: &mut [f64], target: f64) {
+/// `logs` is scratch of the same length. What comes out once `stop` answers `true` is worth nothing.
+pub fn power_map(
+    modulation: Modulation,
+    places: &mut [f64],
+    logs: &mut [f64],
+    target: f64,
+    stop: Stop<'_>,
+) {
     let magnitude = |t: f64| match modulation {
         Modulation::Mean => t,
         Modulation::Variance => (2.0 * t - 1.0).abs(),
     };
-    for (log, &t) in logs.iter_mut().zip(places.iter()) {
-        *log = libm::log(magnitude(t).max(LEAST_PLACE));
+    for (logs, places) in logs.chunks_mut(STEP).zip(places.chunks(STEP)) {
+        if stop() {
+            return;
+        }
+        for (log, &t) in logs.iter_mut().zip(places) {
+            *log = libm::log(magnitude(t).max(LEAST_PLACE));
+        }
     }
     let power = match modulation {
         Modulation::Mean => 1.0,
         Modulation::Variance => 2.0,
     };
-    let beta = solve(logs, power, target);
-    for (t, &log) in places.iter_mut().zip(logs.iter()) {
+    let beta = solve(logs, power, target, stop);
+    let map = |t: &mut f64, log: f64| {
         let mapped = libm::exp(beta * log);
         *t = match modulation {
             Modulation::Mean => mapped,
@@ -48,16 +60,25 @@ pub fn power_map(modulation: Modulation, places: &mut [f64], logs: &mut [f64], t
         }
         // A power near zero rounds to 1, which belongs to the next bin.
         .clamp(0.0, 1.0 - f64::EPSILON);
+    };
+    for (places, logs) in places.chunks_mut(STEP).zip(logs.chunks(STEP)) {
+        if stop() {
+            return;
+        }
+        places.iter_mut().zip(logs).for_each(|(t, &log)| map(t, log));
     }
 }
 
 /// The beta with `mean(exp(power beta log_j)) = target`.
-fn solve(logs: &[f64], power: f64, target: f64) -> f64 {
+fn solve(logs: &[f64], power: f64, target: f64, stop: Stop<'_>) -> f64 {
     let (mut low, mut high) = LN_BETA_RANGE;
     // Even bin: mean is 1 / (1 + power beta).
     let guess = (1.0 / target.clamp(1e-3, 0.999) - 1.0) / power;
     let mut x = libm::log(guess).clamp(low, high);
     for _ in 0..MAX_STEPS {
+        if stop() {
+            break;
+        }
         let (value, slope) = statistic_and_slope(logs, power * libm::exp(x));
         let error = value - target;
         if error.abs() <= TOLERANCE || high - low < 1e-14 {
@@ -89,6 +110,7 @@ fn statistic_and_slope(logs: &[f64], k: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::stop::never;
     use crate::watermark::bins::contribution;
 
     fn uneven(n: u32, exponent: f64) -> Vec<f64> {
@@ -103,7 +125,7 @@ mod tests {
                     let mut places = uneven(500, exponent);
                     let before = places.clone();
                     let target = modulation.neutral() + shift;
-                    power_map(modulation, &mut places, &mut vec![0.0; 500], target);
+                    power_map(modulation, &mut places, &mut vec![0.0; 500], target, &never);
                     let reached =
                         places.iter().map(|&t| contribution(modulation, t)).sum::<f64>() / 500.0;
                     assert!((reached - target).abs() < 1e-6, "{modulation} {exponent} {shift}");
@@ -125,10 +147,10 @@ mod tests {
         for modulation in [Modulation::Mean, Modulation::Variance] {
             for stuck in [0.0, 0.5, 1.0 - f64::EPSILON] {
                 let mut places = [stuck; 5];
-                power_map(modulation, &mut places, &mut [0.0; 5], 0.6);
+                power_map(modulation, &mut places, &mut [0.0; 5], 0.6, &never);
                 assert!(places.iter().all(|t| (0.0..1.0).contains(t)));
             }
-            power_map(modulation, &mut [], &mut [], 0.6);
+            power_map(modulation, &mut [], &mut [], 0.6, &never);
         }
     }
 }

@@ -4,10 +4,10 @@
 //! Must not know how centres and lattices are chosen.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::bins::{BinStatistic, Frame, Lattice, norms};
 use super::{BitCount, Modulation, SoftBits, Strength};
+use crate::mesh::stop::{STEP, Stop, go_on, sorted, unstopped};
 
 /// Sorted norms with prefix sums, in a frame.
 #[derive(Debug, Clone)]
@@ -24,30 +24,45 @@ impl Profile {
     /// The profile about the centre of `frame`.
     #[must_use]
     pub fn new(positions: &[DVec3], frame: Frame) -> Self {
-        Self::of_norms(norms(positions, frame.centre), frame)
+        unstopped(|stop| Self::new_until(positions, frame, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(positions: &[DVec3], frame: Frame, stop: Stop<'_>) -> Option<Self> {
+        Self::of_norms(norms(positions, frame.centre), frame, stop)
     }
 
     /// The profile about a centre, in the frame that the norms themselves span.
     #[must_use]
     pub fn about(positions: &[DVec3], centre: DVec3) -> Self {
-        let norms = norms(positions, centre);
-        let frame = Frame::spanning(centre, &norms);
-        Self::of_norms(norms, frame)
+        unstopped(|stop| Self::about_until(positions, centre, stop))
     }
 
-    fn of_norms(mut norms: Vec<f64>, frame: Frame) -> Self {
-        norms.par_sort_unstable_by(f64::total_cmp);
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn about_until(positions: &[DVec3], centre: DVec3, stop: Stop<'_>) -> Option<Self> {
+        let norms = norms(positions, centre);
+        let frame = Frame::spanning(centre, &norms);
+        Self::of_norms(norms, frame, stop)
+    }
+
+    fn of_norms(norms: Vec<f64>, frame: Frame, stop: Stop<'_>) -> Option<Self> {
+        let norms = sorted(norms, stop, f64::total_cmp)?;
         // Of the norms, not of the frame: a stray point far off must not cost the others digits.
         let middle = norms.get(norms.len() / 2).copied().unwrap_or(0.0);
         let mut sums = Vec::with_capacity(norms.len() + 1);
         let mut sum = [0.0, 0.0];
         sums.push(sum);
-        for rho in &norms {
-            let from_middle = rho - middle;
-            sum = [sum[0] + from_middle, sum[1] + from_middle * from_middle];
-            sums.push(sum);
+        for step in norms.chunks(STEP) {
+            go_on(stop)?;
+            for rho in step {
+                let from_middle = rho - middle;
+                sum = [sum[0] + from_middle, sum[1] + from_middle * from_middle];
+                sums.push(sum);
+            }
         }
-        Self { frame, sorted: norms, sums, middle }
+        Some(Self { frame, sorted: norms, sums, middle })
     }
 
     /// The frame that is assumed.

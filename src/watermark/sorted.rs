@@ -1,8 +1,7 @@
 //! Which carriers are in which bin, and in which they were the round before.
 
-use rayon::prelude::*;
-
 use super::bins::Lattice;
+use crate::mesh::stop::{STEP, Stop, go_on, mapped};
 
 /// How far a carrier may stray from the bin of the round before, in bin widths.
 const LOYALTY: f64 = 0.1;
@@ -76,23 +75,25 @@ pub struct SortedByBin {
 }
 
 impl SortedByBin {
-    /// Sorts the carriers that are not `fixed` and lie in the lattice.
+    /// Sorts the carriers that are not `fixed` and lie in the lattice; `None` once `stop` answers
+    /// `true`.
     #[must_use]
-    pub fn new(rho: &[f64], lattice: &Lattice, fixed: &[bool], memory: &BinMemory) -> Self {
-        let located: Vec<Option<Located>> = rho
-            .par_iter()
-            .zip(fixed)
-            .enumerate()
-            .with_min_len(16_384)
-            .map(
-                |(carrier, (&rho, &fixed))| {
-                    if fixed { None } else { memory.locate(carrier, rho, lattice) }
-                },
-            )
-            .collect();
+    pub fn new(
+        rho: &[f64],
+        lattice: &Lattice,
+        fixed: &[bool],
+        memory: &BinMemory,
+        stop: Stop<'_>,
+    ) -> Option<Self> {
+        let located = mapped(rho, stop, |carrier, &rho| {
+            if fixed[carrier] { None } else { memory.locate(carrier, rho, lattice) }
+        })?;
         let mut starts = vec![0_usize; lattice.bins + 1];
-        for located in located.iter().flatten() {
-            starts[located.bin + 1] += 1;
+        for step in located.chunks(STEP) {
+            go_on(stop)?;
+            for located in step.iter().flatten() {
+                starts[located.bin + 1] += 1;
+            }
         }
         for bin in 0..lattice.bins {
             starts[bin + 1] += starts[bin];
@@ -101,16 +102,21 @@ impl SortedByBin {
         let (mut carriers, mut places) = (vec![0_u32; total], vec![0.0; total]);
         let mut strayed = vec![false; total];
         let mut next = starts.clone();
-        for (carrier, located) in (0_u32..).zip(located) {
-            if let Some(located) = located {
-                let slot = &mut next[located.bin];
-                carriers[*slot] = carrier;
-                places[*slot] = located.t;
-                strayed[*slot] = located.strayed;
-                *slot += 1;
+        let mut carrier = 0_u32;
+        for step in located.chunks(STEP) {
+            go_on(stop)?;
+            for located in step {
+                if let Some(located) = located {
+                    let slot = &mut next[located.bin];
+                    carriers[*slot] = carrier;
+                    places[*slot] = located.t;
+                    strayed[*slot] = located.strayed;
+                    *slot += 1;
+                }
+                carrier += 1;
             }
         }
-        Self { starts, carriers, places, strayed }
+        Some(Self { starts, carriers, places, strayed })
     }
 
     /// Where a bin's carriers stand in the arrays.

@@ -4,6 +4,7 @@ use super::bins::{BinStatistic, Frame, Lattice, norms, statistics};
 use super::profile::Profile;
 use super::{BitCount, Modulation, SoftBits, WatermarkError};
 use crate::mesh::Mesh;
+use crate::mesh::stop::{Stop, never};
 use crate::mesh::surface::Surface;
 
 /// A surface with its profile in its own, blind frame.
@@ -19,8 +20,18 @@ impl Suspect {
     /// # Errors
     /// [`WatermarkError::NoRadialExtent`].
     pub fn new(mesh: &Mesh) -> Result<Self, WatermarkError> {
-        let surface = Surface::new(mesh);
-        let profile = Profile::about(&surface.positions, surface.centre());
+        Self::new_until(mesh, &never)
+    }
+
+    /// The same, as long as `stop` answers `false`.
+    ///
+    /// # Errors
+    /// Also [`WatermarkError::Cancelled`].
+    pub fn new_until(mesh: &Mesh, stop: Stop<'_>) -> Result<Self, WatermarkError> {
+        let surface = Surface::new_until(mesh, stop).ok_or(WatermarkError::Cancelled)?;
+        let centre = surface.centre_until(stop);
+        let about = |centre| Profile::about_until(&surface.positions, centre, stop);
+        let profile = centre.and_then(about).ok_or(WatermarkError::Cancelled)?;
         if profile.frame().radial_extent() > 0.0 {
             Ok(Self { surface, profile })
         } else {
@@ -44,10 +55,10 @@ impl Suspect {
         SoftBits::new(&Lattice::new(frame, class, bits).map_or_else(none, read), modulation)
     }
 
-    /// The whole profile in a known frame.
+    /// The whole profile in a known frame; `None` once `stop` answers `true`.
     #[must_use]
-    pub fn in_frame(&self, frame: &Frame) -> Profile {
-        Profile::new(&self.surface.positions, *frame)
+    pub fn in_frame_until(&self, frame: &Frame, stop: Stop<'_>) -> Option<Profile> {
+        Profile::new_until(&self.surface.positions, *frame, stop)
     }
 
     /// Its surface.

@@ -29,13 +29,13 @@ mod transform;
 mod write;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use self::buffers::Buffers;
 use self::carrier::Block;
 use self::container::Container;
 use super::{Format, FormatError, Limits, Stop, go_on};
 use crate::mesh::Mesh;
+use crate::mesh::stop::changed;
 
 /// Where the coordinates stand.
 #[derive(Debug)]
@@ -94,8 +94,8 @@ impl Layout {
         &self.pinned
     }
 
-    /// Replaces positions by what they would read back as.
-    pub(super) fn round(&self, host: &Mesh, positions: &mut [DVec3]) {
+    /// Replaces positions by what they would read back as. Worth nothing once `stop` answers `true`.
+    pub(super) fn round(&self, host: &Mesh, positions: &mut [DVec3], stop: Stop<'_>) {
         for block in &self.blocks {
             let range = block.first..block.first.saturating_add(block.key.count);
             let (Some(hosts), Some(moved)) =
@@ -103,12 +103,16 @@ impl Layout {
             else {
                 continue;
             };
-            moved.par_iter_mut().zip(hosts).for_each(|(position, &host)| {
+            let settled = changed(moved, stop, |vertex, position| {
+                let Some(&host) = hosts.get(vertex) else { return };
                 if !transform::same(*position, host) {
                     let settled = block.transform.settle(*position);
                     *position = settled.map_or(host, |(_, position)| position);
                 }
             });
+            if settled.is_none() {
+                return;
+            }
         }
         for &vertex in &self.pinned {
             let Ok(vertex) = usize::try_from(vertex) else { continue };
@@ -126,8 +130,9 @@ impl Layout {
         bytes: &[u8],
         host: &Mesh,
         positions: &[DVec3],
+        stop: Stop<'_>,
     ) -> Result<Vec<u8>, FormatError> {
-        write::write(self, bytes, host, positions)
+        write::write(self, bytes, host, positions, stop)
     }
 }
 

@@ -17,8 +17,9 @@ use super::document::{self, Document};
 use super::geometry::local;
 use super::transform::same;
 use super::{Layout, data_uri, json_spans};
-use crate::formats::{Format, FormatError};
+use crate::formats::{Format, FormatError, Stop, go_on};
 use crate::mesh::Mesh;
+use crate::mesh::stop::STEP;
 
 /// The new smallest and largest value of each axis, where moving vertices changed it.
 #[derive(Debug, Default)]
@@ -32,6 +33,7 @@ pub(super) fn write(
     bytes: &[u8],
     host: &Mesh,
     positions: &[DVec3],
+    stop: Stop<'_>,
 ) -> Result<Vec<u8>, FormatError> {
     if positions.len() != host.positions().len() {
         let (given, held) = (positions.len(), host.positions().len());
@@ -53,8 +55,9 @@ pub(super) fn write(
         for span in block.key.base.iter().chain(block.key.sparse.iter().map(|s| &s.values)) {
             buffers.load(&document, span.buffer)?;
         }
-        changes.push(patch(block, &mut buffers, host, positions, &mut changed_buffers)?);
+        changes.push(patch(block, &mut buffers, (host, positions), &mut changed_buffers, stop)?);
     }
+    go_on(stop)?;
     if changed_buffers.is_empty() {
         return Ok(bytes.to_vec());
     }
@@ -71,9 +74,9 @@ pub(super) fn write(
 fn patch(
     block: &Block,
     buffers: &mut Buffers,
-    host: &Mesh,
-    positions: &[DVec3],
+    (host, positions): (&Mesh, &[DVec3]),
     changed_buffers: &mut BTreeSet<usize>,
+    stop: Stop<'_>,
 ) -> Result<Changes, FormatError> {
     let range = block.first..block.first.saturating_add(block.key.count);
     let (Some(hosts), Some(wanted)) = (host.positions().get(range.clone()), positions.get(range))
@@ -81,21 +84,26 @@ fn patch(
         return Err(read_back("the mesh given is not that of the file that was read"));
     };
     let read_only = &*buffers;
-    let moves: Vec<Move> = hosts
-        .par_iter()
-        .zip(wanted)
-        .enumerate()
-        .map(|(element, (&from, &to))| {
+    let mut moves: Vec<Move> = Vec::with_capacity(hosts.len());
+    for (hosts, wanted) in hosts.chunks(STEP).zip(wanted.chunks(STEP)) {
+        go_on(stop)?;
+        let first = moves.len();
+        let step = hosts.par_iter().zip(wanted).enumerate().map(|(place, (&from, &to))| {
+            let element = first + place;
             let old = local(block, read_only, element);
             if !same(block.transform.forward(old), from) {
                 return Err(read_back("the bytes given are not those of the file that was read"));
             }
             let new = if same(from, to) { old } else { target(block, element, old, from, to)? };
             Ok(Move { old, new })
-        })
-        .collect::<Result<_, _>>()?;
+        });
+        moves.extend(step.collect::<Result<Vec<Move>, _>>()?);
+    }
     let mut moved = false;
     for (element, step) in moves.iter().enumerate() {
+        if element % STEP == 0 {
+            go_on(stop)?;
+        }
         let Some((buffer, at)) = block.locate(element) else { continue };
         for (axis, (old, new)) in step.old.into_iter().zip(step.new).enumerate() {
             #[expect(clippy::float_cmp, reason = "a zero keeps its sign; all else is bit for bit")]

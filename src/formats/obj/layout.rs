@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::{FormatError, Written};
+use super::super::{FormatError, Stop, Written, go_on};
 use super::cursor::Cursor;
 use super::number::coordinate;
 use super::precision::Precision;
@@ -63,9 +63,13 @@ impl Layout {
 
 impl Stepped<'_> {
     /// Replaces every coordinate that is not the host's by what its text will read back as.
-    pub(in crate::formats) fn round(&self, host: &Mesh, positions: &mut [DVec3]) {
+    /// Worth nothing once `stop` answers `true`.
+    pub(in crate::formats) fn round(&self, host: &Mesh, positions: &mut [DVec3], stop: Stop<'_>) {
         positions.par_chunks_mut(BLOCK).zip(host.positions().par_chunks(BLOCK)).for_each(
             |(positions, hosts)| {
+                if stop() {
+                    return;
+                }
                 for (position, host) in positions.iter_mut().zip(hosts) {
                     for axis in 0..3 {
                         position[axis] = self.round_coordinate(host[axis], position[axis]);
@@ -84,12 +88,13 @@ impl Stepped<'_> {
     ///
     /// # Errors
     /// [`FormatError::ReadBack`] when `bytes` or `positions` do not belong to this layout, or a
-    /// position is not finite.
+    /// position is not finite; [`FormatError::Cancelled`] once `stop` answers `true`.
     pub(in crate::formats) fn write(
         &self,
         bytes: &[u8],
         host: &Mesh,
         positions: &[DVec3],
+        stop: Stop<'_>,
     ) -> Result<Written, FormatError> {
         let vertices = self.layout.offsets.len();
         if bytes.len() != self.layout.host_bytes || host.positions().len() != vertices {
@@ -102,12 +107,16 @@ impl Stepped<'_> {
         let blocks = vertices.div_ceil(BLOCK);
         let pieces = (0..blocks)
             .into_par_iter()
-            .map(|block| self.write_block(bytes, host.positions(), positions, block))
+            .map(|block| {
+                go_on(stop)?;
+                self.write_block(bytes, host.positions(), positions, block)
+            })
             .collect::<Vec<Result<Written, FormatError>>>();
         let pieces = pieces.into_iter().collect::<Result<Vec<Written>, FormatError>>()?;
         let mut out = Vec::with_capacity(pieces.iter().map(|piece| piece.bytes.len()).sum());
         let more_decimals = pieces.iter().map(|piece| piece.more_decimals).sum();
         for piece in pieces {
+            go_on(stop)?;
             out.extend(piece.bytes);
         }
         Ok(Written { bytes: out, more_decimals })

@@ -261,8 +261,8 @@ proptest! {
         prop_assert_eq!(whole.triangles(), cut.triangles());
         let mut positions = cut.positions().to_vec();
         let stepped = layout.with_step(0.0);
-        stepped.round(&cut, &mut positions);
-        let written = stepped.write(text.as_bytes(), &cut, &positions).unwrap();
+        stepped.round(&cut, &mut positions, &|| false);
+        let written = stepped.write(text.as_bytes(), &cut, &positions, &|| false).unwrap();
         prop_assert_eq!(String::from_utf8(written.bytes).unwrap(), text);
     }
 

@@ -55,7 +55,7 @@ pub fn mark_until(
     mesh: &Mesh,
     codeword: &Codeword,
     params: &EmbedParams,
-    stop: &dyn Fn() -> bool,
+    stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Embedding, WatermarkError> {
     #[expect(clippy::cast_possible_truncation, reason = "rounding to single precision is meant")]
     let round = |positions: &mut [DVec3]| {

@@ -25,7 +25,9 @@ use crate::mesh::Mesh;
 use crate::recognition::{Home, Look, LookKind, Visitor, looks};
 use crate::registration::{Allowed, Effort, Within};
 use crate::registry::Record;
-use crate::watermark::{Candidate, CodewordIndex, GroupKey, Hypothesis, Profile, Suspect, Worth};
+use crate::watermark::{
+    Candidate, CodewordIndex, Frame, GroupKey, Hypothesis, Profile, Suspect, Worth,
+};
 
 /// Fewer vertices than this that are known one by one say too little for the matched filter.
 const LEAST_SIGHTINGS: usize = 32;
@@ -132,12 +134,17 @@ impl Visit<'_> {
             return Ok(true);
         };
         let codeword = codeword(self.keys, &record.source())?;
-        let profile = self.suspect.in_frame(&found.candidate.hypothesis.frame);
+        let profile = self.profile(&found.candidate.hypothesis.frame)?;
         let modulation = record.method.modulation();
         let bins = profile.bins(codeword.lattice_class(), record.bits, modulation);
         let (read, least) = (bins.iter().flatten(), SOUND * record.strength.get());
         let sound = read.clone().filter(|off| off.abs() >= least).count();
         Ok(sound as f64 >= SOUND_BINS * read.count() as f64)
+    }
+
+    fn profile(&self, frame: &Frame) -> Result<Profile, ServiceError> {
+        let profile = self.suspect.in_frame_until(frame, &|| self.stop.now());
+        profile.ok_or_else(|| self.stop.reason().into())
     }
 
     /// Breaks when all is said.
@@ -155,7 +162,7 @@ impl Visit<'_> {
             LookKind::InPlace | LookKind::Near => FrameName::InPlace,
             LookKind::SameOrder | LookKind::Registered(_) => FrameName::Registered,
         };
-        let profile = self.suspect.in_frame(&frame);
+        let profile = self.profile(&frame)?;
         let ranked = self.in_frame(housed, &profile);
         climb.tried(StageName::HostFrames, housed.ids.len() as u64);
         let ranking: Vec<u128> = ranked.iter().map(|candidate| candidate.id).collect();

@@ -205,8 +205,9 @@ impl Service {
         stop: &Stop,
     ) -> Result<Begun, ServiceError> {
         go_on(stop)?;
-        let suspect = Suspect::new(mesh)?;
+        let suspect = Suspect::new_until(mesh, &|| stop.now());
         go_on(stop)?;
+        let suspect = suspect?;
         let all = self.known.marks();
         let marks = match named {
             None => all.clone(),

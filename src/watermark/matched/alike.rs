@@ -53,7 +53,7 @@ impl HostFilter {
         let trial = |rounds: usize, middle: &Vec<DVec3>, nudge: Nudge| {
             let pair = |s: &Sighting| (s.at, middle[s.carrier as usize]);
             let pairs: Vec<(DVec3, DVec3)> = judges.iter().map(pair).collect();
-            let nudge = if moved { nudge.onto(&pairs) } else { nudge };
+            let nudge = if moved { nudge.onto(&pairs, stop) } else { nudge };
             let off = pairs.iter().map(|&(from, to)| nudge.apply(from).distance(to));
             (median(off.collect()), nudge, rounds)
         };
@@ -77,7 +77,7 @@ impl HostFilter {
             if stop() {
                 return Alike { rounds: 0, middle: best.middle, nudge: Nudge::NONE };
             }
-            let next = self.smoothing().smoothed(now.clone(), upto - rounds);
+            let next = self.smoothing().smoothed_until(now.clone(), upto - rounds, stop);
             let last = (rounds, std::mem::replace(&mut now, next));
             rounds = upto;
             let tried = trial(rounds, &now, nudge);
@@ -104,7 +104,7 @@ impl HostFilter {
         let mut worse = 0;
         nudge = best.nudge;
         while rounds + 1 < after.unwrap_or(best.rounds) && worse < PATIENCE && !stop() {
-            now = self.smoothing().smoothed(now, 1);
+            now = self.smoothing().smoothed_until(now, 1, stop);
             rounds += 1;
             let tried = trial(rounds, &now, nudge);
             if tried.0 < best.misfit {
@@ -116,7 +116,7 @@ impl HostFilter {
         }
         let pair = |s: &Sighting| (s.at, best.middle[s.carrier as usize]);
         let nudge = if moved {
-            best.nudge.onto(&sightings.iter().map(pair).collect::<Vec<_>>())
+            best.nudge.onto(&sightings.iter().map(pair).collect::<Vec<_>>(), stop)
         } else {
             Nudge::NONE
         };

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::grid::Grid;
 use super::{HostFilter, Sighting, median};
+use crate::mesh::stop::{Stop, mapped};
 use crate::watermark::SoftBits;
 
 /// Standard error of a predicted displacement along an axis, as a share of the way from a zero to a
@@ -132,8 +133,13 @@ impl View<'_> {
 
 impl HostFilter {
     /// Per bin how much likelier a one is than a zero, for a suspect on a grid; `None` where cells say no
-    /// more than residuals do.
-    pub(super) fn by_cells(&self, sightings: &[Sighting], grid: &Grid) -> Option<SoftBits> {
+    /// more than residuals do, or once `stop` answers `true`.
+    pub(super) fn by_cells(
+        &self,
+        sightings: &[Sighting],
+        grid: &Grid,
+        stop: Stop<'_>,
+    ) -> Option<SoftBits> {
         let judges: Vec<&Sighting> =
             sightings.iter().step_by((sightings.len() / JUDGES).max(1)).collect();
         let ways = judges.iter().map(|s| self.difference[s.carrier as usize].length());
@@ -148,14 +154,14 @@ impl HostFilter {
         if rough >= TOO_ROUGH {
             return None;
         }
-        let evidence = |s: &Sighting| -> f64 {
+        let evidence = |_, s: &Sighting| -> f64 {
             let ratio = |cell: Cell| {
                 let [zero, one] = cell.likelihoods(rough);
                 libm::log(one / zero)
             };
             view.cells(s, shifts).map(ratio).sum()
         };
-        let evidence: Vec<f64> = sightings.par_iter().with_min_len(1024).map(evidence).collect();
+        let evidence = mapped(sightings, stop, evidence)?;
         let mut sums = vec![0.0; self.bits.get()];
         for (s, evidence) in sightings.iter().zip(evidence) {
             if let Some(sum) = sums.get_mut(usize::from(self.bins[s.carrier as usize])) {
@@ -185,6 +191,7 @@ mod tests {
     use super::super::grid_of;
     use super::super::tests::{Marked, bound, marked};
     use super::*;
+    use crate::mesh::stop::never;
     use crate::sample::Sample;
     use crate::watermark::Method;
 
@@ -231,11 +238,12 @@ mod tests {
             let bound = |soft: &SoftBits| soft.log10_bound(soft.score(&marked.codeword).t);
             for (steps, turned, snap) in table {
                 let sightings = seen(&marked, &filter, turned, steps, snap);
-                let grid = grid_of(&sightings, turned);
+                let grid = grid_of(&sightings, turned, &never);
                 assert!(grid.is_some(), "{sample} {steps}");
                 let cells = bound(&filter.compare(&sightings, Some(turned)).alone());
-                let residuals =
-                    bound(&Comparison::after(&filter, &sightings, 0, &filter.middle).alone());
+                let residuals = bound(
+                    &Comparison::after(&filter, &sightings, 0, &filter.middle, &never).alone(),
+                );
                 // Cut off, the flat sides of the gear are the edges of cells.
                 assert!(cells < -10.0, "{sample} {steps}: {cells}");
                 assert!(cells <= residuals + 1e-9, "{sample} {steps}: {cells} {residuals}");

@@ -17,6 +17,7 @@ use glam::{DQuat, DVec3};
 use super::alike::Alike;
 use super::estimate::Normal;
 use super::{HostFilter, Sighting, grid_of};
+use crate::mesh::stop::Stop;
 use crate::watermark::SoftBits;
 
 /// A suspect, made ready to be read.
@@ -40,27 +41,30 @@ impl<'a> Comparison<'a> {
         filter: &'a HostFilter,
         sightings: &[Sighting],
         turned: Option<DQuat>,
-        stop: &(dyn Fn() -> bool + Sync),
+        stop: Stop<'_>,
     ) -> Self {
         let Alike { rounds, middle, nudge } = filter.alike(sightings, turned.is_some(), stop);
         if rounds > 0 {
             let at = |s: &Sighting| Sighting { at: nudge.apply(s.at), ..*s };
             let sightings: Vec<Sighting> = sightings.iter().map(at).collect();
-            return Self::after(filter, &sightings, rounds, &middle);
+            return Self::after(filter, &sightings, rounds, &middle, stop);
         }
-        let grid = if stop() { None } else { grid_of(sightings, turned.unwrap_or_default()) };
-        let cells = grid.and_then(|grid| filter.by_cells(sightings, &grid));
-        Self { cells, ..Self::after(filter, sightings, rounds, &middle) }
+        let grid = grid_of(sightings, turned.unwrap_or_default(), stop);
+        let cells = grid.and_then(|grid| filter.by_cells(sightings, &grid, stop));
+        Self { cells, ..Self::after(filter, sightings, rounds, &middle, stop) }
     }
 
     /// Of a suspect that was smoothed in so many rounds, which took the filter's middle to `middle`.
+    /// Worth nothing once `stop` answers `true`.
     pub(super) fn after(
         filter: &'a HostFilter,
         sightings: &[Sighting],
         rounds: usize,
         middle: &[DVec3],
+        stop: Stop<'_>,
     ) -> Self {
-        let weights = filter.weights(sightings, rounds, middle);
+        // (Nothing is paired with no weights.)
+        let weights = filter.weights(sightings, rounds, middle, stop).unwrap_or_default();
         let mut rest = vec![DVec3::ZERO; middle.len()];
         let mut seen = vec![0.0; middle.len()];
         for (Sighting { carrier, at }, weight) in sightings.iter().zip(&weights) {
@@ -68,11 +72,12 @@ impl<'a> Comparison<'a> {
             rest[carrier] = *at - middle[carrier];
             seen[carrier] = *weight;
         }
+        let seen = if stop() { Vec::new() } else { seen };
         let weighted: Vec<DVec3> = rest.iter().zip(&seen).map(|(r, w)| *w * *r).collect();
         let noise = weighted.iter().map(|rest| rest.length_squared()).sum::<f64>();
         let noise = noise / (3.0 * seen.iter().sum::<f64>().max(1.0));
-        let along = filter.along(&filter.smoothing().adjoint(weighted, rounds));
-        let gram = filter.gram(&seen, rounds, filter.apart(rounds));
+        let along = filter.along(&filter.smoothing().adjoint_until(weighted, rounds, stop));
+        let gram = filter.gram(&seen, rounds, filter.apart(rounds), stop);
         let normal = Normal::new(gram, along.len(), noise);
         Self { filter, rounds, seen, rest, normal, along, cells: None }
     }

@@ -3,7 +3,8 @@
 //! Work is bounded by a sort, whatever the points are. Must not know marks or hosts.
 
 use glam::DVec3;
-use rayon::prelude::*;
+
+use crate::mesh::stop::{Stop, sorted};
 
 /// Levels of one axis: `origin + k step`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,16 +39,18 @@ const OFF: f64 = 0.1;
 const MOST: f64 = 0.95;
 
 impl Grid {
-    /// The grid that the points lie on, along these orthonormal axes.
+    /// The grid that the points lie on, along these orthonormal axes; `None` once `stop` answers `true`.
     pub(super) fn of(
         points: &(impl Iterator<Item = DVec3> + Clone),
         axes: [DVec3; 3],
+        stop: Stop<'_>,
     ) -> Option<Self> {
         let mut levels = [None; 3];
         let mut unsure = Vec::new();
         for (k, axis) in axes.into_iter().enumerate() {
-            let all = sorted(points.clone().map(|p| p.dot(axis)).collect());
-            match Coordinates::new(&all) {
+            let all = points.clone().map(|p| p.dot(axis)).collect();
+            let all = sorted(all, stop, f64::total_cmp)?;
+            match Coordinates::new(&all, stop) {
                 Coordinates::Same => {}
                 Coordinates::Levels(found) => levels[k] = Some(found),
                 // One axis may leave it open, two are none.
@@ -95,7 +98,7 @@ enum Coordinates {
 
 impl Coordinates {
     /// Of sorted numbers.
-    fn new(all: &[f64]) -> Self {
+    fn new(all: &[f64], stop: Stop<'_>) -> Self {
         let (Some(&low), Some(&high)) = (all.first(), all.last()) else { return Self::Free };
         let range = high - low;
         if !range.is_finite() {
@@ -111,7 +114,7 @@ impl Coordinates {
         if (kept.len() as f64) < (1.0 - STRAYS) * all.len() as f64 {
             return Self::Free;
         }
-        let Some(step) = typical_gap(&kept) else { return Self::Free };
+        let Some(step) = typical_gap(&kept, stop) else { return Self::Free };
         let runs: Vec<&[f64]> = kept.chunk_by(|a, b| b - a <= 0.5 * step).collect();
         if runs.len() < 2 || CROWD * runs.len() > kept.len() {
             return Self::Free;
@@ -121,15 +124,10 @@ impl Coordinates {
     }
 }
 
-fn sorted(mut all: Vec<f64>) -> Vec<f64> {
-    all.par_sort_unstable_by(f64::total_cmp);
-    all
-}
-
 /// The gap between neighbours that half of the range is covered by gaps no smaller than.
-fn typical_gap(sorted: &[f64]) -> Option<f64> {
-    let mut gaps: Vec<f64> = sorted.windows(2).map(|x| x[1] - x[0]).collect();
-    gaps.sort_unstable_by(|a, b| b.total_cmp(a));
+fn typical_gap(along: &[f64], stop: Stop<'_>) -> Option<f64> {
+    let gaps = along.windows(2).map(|x| x[1] - x[0]).collect();
+    let gaps = sorted(gaps, stop, |a, b| b.total_cmp(a))?;
     let half = 0.5 * gaps.iter().sum::<f64>();
     let mut covered = 0.0;
     let gap = gaps.into_iter().find(|gap| {
@@ -169,7 +167,7 @@ mod tests {
     use crate::sample::Sample;
 
     fn grid(points: &[DVec3], axes: [DVec3; 3]) -> Option<Grid> {
-        Grid::of(&points.iter().copied(), axes)
+        Grid::of(&points.iter().copied(), axes, &crate::mesh::stop::never)
     }
 
     /// A mesh on a grid of this step, somewhere.

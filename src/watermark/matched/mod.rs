@@ -25,7 +25,6 @@ mod refit;
 mod smoothing;
 
 use glam::{DQuat, DVec3};
-use rayon::prelude::*;
 
 pub use comparison::Comparison;
 use grid::Grid;
@@ -37,6 +36,7 @@ use super::pass::{Host, Passes};
 use super::{BitCount, Codeword, EmbedParams, SoftBits, WatermarkError};
 use crate::mesh::Mesh;
 use crate::mesh::powers::squared;
+use crate::mesh::stop::{STEP, Stop, go_on, mapped};
 use crate::mesh::surface::Surface;
 
 /// A carrier of the host, and where the suspect has it, in the host's coordinates.
@@ -102,8 +102,9 @@ impl HostFilter {
         params: &EmbedParams,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, WatermarkError> {
-        let surface = Surface::new(host);
-        let centre = surface.centre();
+        let cancelled = WatermarkError::Cancelled;
+        let surface = Surface::new_until(host, stop).ok_or(cancelled.clone())?;
+        let centre = surface.centre_until(stop).ok_or(cancelled.clone())?;
         let rho = norms(&surface.positions, centre);
         let frame = Frame::spanning(centre, &rho);
         let lattice = Lattice::new(&frame, class, params.bits)
@@ -111,24 +112,28 @@ impl HostFilter {
         let seen = Host { mesh: host, surface: &surface, pinned: &[], round: &|_| {} };
         let [zeros, ones] = [false, true].map(|bit| {
             let codeword = Codeword::uniform(class, params.bits, bit);
-            let passes = Passes::new(seen, &codeword, params);
+            let passes = Passes::new(seen, &codeword, params, stop);
+            let passes = passes.ok_or(WatermarkError::Cancelled)?;
             let mut state = State::new(params.bits.get());
             let mut positions = Vec::new();
             for _ in 0..PASSES {
-                if stop() {
-                    return Err(WatermarkError::Cancelled);
-                }
-                positions = passes.run(centre, &mut state)?.positions;
+                positions = passes.run(centre, &mut state, stop)?.positions;
             }
-            Ok(passes.carriers_of(&positions))
+            passes.carriers_of(&positions, stop).ok_or(WatermarkError::Cancelled)
         });
         let (zeros, ones): (Vec<DVec3>, Vec<DVec3>) = (zeros?, ones?);
         let bin = |&rho: &f64| {
             lattice.locate(rho).and_then(|(bin, _)| u16::try_from(bin).ok()).unwrap_or(NO_BIN)
         };
-        let edges = surface.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
-        let squares = edges.map(|[a, b]| squared(rho[a as usize] - rho[b as usize]));
-        let squares = squares.sum::<f64>() / (3.0 * surface.triangles.len() as f64);
+        let mut squares = 0.0;
+        for step in surface.triangles.chunks(STEP) {
+            go_on(stop).ok_or(cancelled.clone())?;
+            let edges = step.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+            let off = edges.map(|[a, b]| squared(rho[a as usize] - rho[b as usize]));
+            squares = off.fold(squares, |sum, square| sum + square);
+        }
+        let squares = squares / (3.0 * surface.triangles.len() as f64);
+        let smoothing = Smoothing::new_until(&surface, stop).ok_or(cancelled)?;
         let pairs = || zeros.iter().zip(&ones);
         Ok(Self {
             bits: params.bits,
@@ -136,7 +141,7 @@ impl HostFilter {
             bins: rho.iter().map(bin).collect(),
             middle: pairs().map(|(&zero, &one)| zero.midpoint(one)).collect(),
             difference: pairs().map(|(&zero, &one)| one - zero).collect(),
-            smoothing: Smoothing::new(&surface),
+            smoothing,
             surface,
         })
     }
@@ -210,8 +215,15 @@ impl HostFilter {
     }
 
     /// Cauchy's weights: a vertex that is someone else's, or was torn away, hardly counts.
-    fn weights(&self, sightings: &[Sighting], rounds: usize, middle: &[DVec3]) -> Vec<f64> {
-        let off = |s: &Sighting| {
+    /// None once `stop` answers `true`.
+    fn weights(
+        &self,
+        sightings: &[Sighting],
+        rounds: usize,
+        middle: &[DVec3],
+        stop: Stop<'_>,
+    ) -> Option<Vec<f64>> {
+        let off = |_, s: &Sighting| {
             let carrier = s.carrier as usize;
             let rest = s.at - middle[carrier];
             if rounds > 0 {
@@ -221,10 +233,11 @@ impl HostFilter {
             let half = 0.5 * self.difference[carrier];
             (rest - half).length_squared().min((rest + half).length_squared()).sqrt()
         };
-        let off: Vec<f64> = sightings.par_iter().with_min_len(4096).map(off).collect();
+        let off = mapped(sightings, stop, off)?;
         let knee = KNEE * median(off.clone());
         let weight = |off: f64| if knee > 0.0 { 1.0 / (1.0 + squared(off / knee)) } else { 1.0 };
-        off.into_iter().map(weight).collect()
+        go_on(stop)?;
+        Some(off.into_iter().map(weight).collect())
     }
 
     /// `<field, D_i>` for each bin.
@@ -239,17 +252,20 @@ impl HostFilter {
     }
 
     /// `G`, row by row. One smoothing serves all bins that are too far apart to meet: each
-    /// `classes`-th.
-    fn gram(&self, seen: &[f64], rounds: usize, classes: usize) -> Vec<f64> {
+    /// `classes`-th. Worth nothing once `stop` answers `true`.
+    fn gram(&self, seen: &[f64], rounds: usize, classes: usize, stop: Stop<'_>) -> Vec<f64> {
         let bins = self.bits.get();
         let mut gram = vec![0.0; bins * bins];
-        for class in 0..classes {
+        for class in (0..classes).take_while(|_| !stop()) {
             let inside = |bin: u16| bin != NO_BIN && usize::from(bin) % classes == class;
             let part = self.difference.iter().zip(&self.bins);
             let part = part.map(|(&d, &bin)| if inside(bin) { d } else { DVec3::ZERO });
-            let mut spread = self.smoothing().smoothed(part.collect(), rounds);
+            let mut spread = self.smoothing().smoothed_until(part.collect(), rounds, stop);
             spread.iter_mut().zip(seen).for_each(|(spread, seen)| *spread *= *seen);
-            let back = self.smoothing().adjoint(spread, rounds);
+            let back = self.smoothing().adjoint_until(spread, rounds, stop);
+            if stop() {
+                break;
+            }
             for ((back, difference), &bin) in back.iter().zip(&self.difference).zip(&self.bins) {
                 if bin == NO_BIN {
                     continue;
@@ -272,8 +288,8 @@ impl HostFilter {
 }
 
 /// The grid that a suspect was put on after it was turned, or before.
-fn grid_of(sightings: &[Sighting], turned: DQuat) -> Option<Grid> {
-    let along = |axes| Grid::of(&sightings.iter().map(|s| s.at), axes);
+fn grid_of(sightings: &[Sighting], turned: DQuat, stop: Stop<'_>) -> Option<Grid> {
+    let along = |axes| Grid::of(&sightings.iter().map(|s| s.at), axes, stop);
     along(DVec3::AXES.map(|axis| turned * axis)).or_else(|| along(DVec3::AXES))
 }
 
@@ -286,6 +302,7 @@ fn median(mut all: Vec<f64>) -> f64 {
 mod tests {
     use super::estimate::LEAST_RIDGE;
     use super::*;
+    use crate::mesh::stop::never;
     use crate::sample::Sample;
     use crate::watermark::{Embedding, MarkKey, Message, Method, embed};
 
@@ -331,8 +348,8 @@ mod tests {
             let filter = HostFilter::new(&host, codeword.lattice_class(), &params).unwrap();
             let seen = vec![1.0; filter.bins.len()];
             let (n, rounds) = (params.bits.get(), 5);
-            let whole = filter.gram(&seen, rounds, n);
-            let shared = filter.gram(&seen, rounds, filter.apart(rounds));
+            let whole = filter.gram(&seen, rounds, n, &never);
+            let shared = filter.gram(&seen, rounds, filter.apart(rounds), &never);
             for i in 0..n {
                 for k in 0..n {
                     let size = (whole[i * n + i] * whole[k * n + k]).sqrt();
@@ -380,7 +397,8 @@ mod tests {
         let (soft, rounds) = filter.read(&sightings(&field));
         assert_eq!(rounds, 10);
         let alike = soft.log10_bound(soft.score(&marked.codeword).t);
-        let unlike = Comparison::after(&filter, &sightings(&field), 0, &filter.middle).alone();
+        let unlike =
+            Comparison::after(&filter, &sightings(&field), 0, &filter.middle, &never).alone();
         let unlike = unlike.log10_bound(unlike.score(&marked.codeword).t);
         let stride = filter.stride;
         assert!(alike < -5.0 && alike < unlike - 2.0, "{alike} {unlike} {stride}");

@@ -6,6 +6,7 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::{KNEE, median};
 use crate::mesh::powers::{cubed, squared};
+use crate::mesh::stop::Stop;
 
 /// Rounds of reweighting.
 const ROUNDS: usize = 3;
@@ -30,9 +31,12 @@ impl Nudge {
     }
 
     /// One that takes the first points of these pairs to the second ones with small weighted squares,
-    /// starting from here.
-    pub(super) fn onto(mut self, pairs: &[(DVec3, DVec3)]) -> Self {
+    /// starting from here. Worth nothing once `stop` answers `true`.
+    pub(super) fn onto(mut self, pairs: &[(DVec3, DVec3)], stop: Stop<'_>) -> Self {
         for _ in 0..ROUNDS {
+            if stop() {
+                break;
+            }
             let off = |&(from, to): &(DVec3, DVec3)| self.apply(from).distance(to);
             let off: Vec<f64> = pairs.iter().map(off).collect();
             let knee = KNEE * median(off.clone());
@@ -40,6 +44,9 @@ impl Nudge {
                 break;
             }
             let weight = |off: f64| 1.0 / (1.0 + squared(off / knee));
+            if stop() {
+                break;
+            }
             let weights: Vec<f64> = off.into_iter().map(weight).collect();
             let Some(next) = self.step(pairs, &weights) else { break };
             self = next;
@@ -108,7 +115,7 @@ mod tests {
         for (turn, scale, shift) in table {
             for (wrong, close) in [(0, 1e-5), (2, 1e-3)] {
                 let pairs = pairs(turn, scale, shift, wrong);
-                let found = Nudge::NONE.onto(&pairs);
+                let found = Nudge::NONE.onto(&pairs, &crate::mesh::stop::never);
                 let off = pairs.iter().map(|&(a, b)| found.apply(a).distance(b));
                 let off = median(off.collect());
                 assert!(off < close, "{turn} {scale} {wrong}: {off}");
@@ -126,7 +133,7 @@ mod tests {
             pairs(DVec3::ZERO, 1e300, DVec3::ZERO, 0),
         ];
         for pairs in table {
-            let found = Nudge::NONE.onto(&pairs);
+            let found = Nudge::NONE.onto(&pairs, &crate::mesh::stop::never);
             assert!(found.linear.is_finite() && found.shift.is_finite(), "{found:?}");
         }
     }

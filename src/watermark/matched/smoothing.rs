@@ -3,9 +3,9 @@
 //! Must not know marks.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::mesh::adjacency::Adjacency;
+use crate::mesh::stop::{STEP, Stop, changed, go_on, never};
 use crate::mesh::surface::Surface;
 
 /// Weight of each neighbour's mean per round of smoothing.
@@ -29,14 +29,17 @@ pub(super) struct Smoothing {
 }
 
 impl Smoothing {
-    /// On this surface.
-    pub(super) fn new(surface: &Surface) -> Self {
+    /// On this surface; `None` once `stop` answers `true`.
+    pub(super) fn new_until(surface: &Surface, stop: Stop<'_>) -> Option<Self> {
         let count = surface.positions.len();
-        let adjacency = Adjacency::new(count, &surface.triangles);
+        let adjacency = Adjacency::new_until(count, &surface.triangles, stop)?;
         let mut starts = vec![0];
         let (mut links, mut shares): (Vec<Link>, Vec<f64>) = Default::default();
         let mut around = Vec::new();
         for vertex in 0..count {
+            if vertex % STEP == 0 {
+                go_on(stop)?;
+            }
             let triangles = adjacency.around(vertex).iter();
             let corners = triangles.flat_map(|&t| surface.triangles[t as usize]);
             around.clear();
@@ -48,7 +51,7 @@ impl Smoothing {
             shares.push(if around.is_empty() { 0.0 } else { (around.len() as f64).recip() });
             starts.push(links.len());
         }
-        Self { starts, links, shares }
+        Some(Self { starts, links, shares })
     }
 
     /// Bytes that it takes in memory, about.
@@ -59,28 +62,59 @@ impl Smoothing {
 
     /// `S`: rounds of going half-way to the mean of the neighbours (each triangle counts its
     /// corners).
-    pub(super) fn smoothed(&self, mut field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
+    pub(super) fn smoothed(&self, field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
+        self.smoothed_until(field, rounds, &never)
+    }
+
+    /// The same; worth nothing once `stop` answers `true`.
+    pub(super) fn smoothed_until(
+        &self,
+        mut field: Vec<DVec3>,
+        rounds: usize,
+        stop: Stop<'_>,
+    ) -> Vec<DVec3> {
+        if rounds == 0 {
+            return field;
+        }
         let mut next = field.clone();
         for _ in 0..rounds {
-            self.round_of(&field, &mut next, |vertex, sum| {
+            let of = |vertex: usize, sum| {
                 let own = field[vertex];
                 let share = self.shares[vertex];
                 if share > 0.0 { own.lerp(sum * share, HALF) } else { own }
-            });
+            };
+            if self.round_of(&field, &mut next, stop, of).is_none() {
+                break;
+            }
             std::mem::swap(&mut field, &mut next);
         }
         field
     }
 
     /// `S*`: the same, the other way round.
-    pub(super) fn adjoint(&self, mut field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
+    pub(super) fn adjoint(&self, field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
+        self.adjoint_until(field, rounds, &never)
+    }
+
+    /// The same; worth nothing once `stop` answers `true`.
+    pub(super) fn adjoint_until(
+        &self,
+        mut field: Vec<DVec3>,
+        rounds: usize,
+        stop: Stop<'_>,
+    ) -> Vec<DVec3> {
+        if rounds == 0 {
+            return field;
+        }
         let mut shared = field.clone();
         let mut next = field.clone();
         for _ in 0..rounds {
-            let give = |((to, own), share): ((&mut DVec3, &DVec3), &f64)| *to = *own * *share;
-            let all = shared.par_iter_mut().zip(&field).zip(&self.shares);
-            all.with_min_len(4096).for_each(give);
-            self.round_of(&shared, &mut next, |vertex, sum| field[vertex].lerp(sum, HALF));
+            let give = |k: usize, to: &mut DVec3| *to = field[k] * self.shares[k];
+            let of = |vertex: usize, sum| field[vertex].lerp(sum, HALF);
+            let given = changed(&mut shared, stop, give);
+            if given.and_then(|()| self.round_of(&shared, &mut next, stop, of)).is_none() {
+                break;
+            }
             std::mem::swap(&mut field, &mut next);
         }
         field
@@ -91,14 +125,14 @@ impl Smoothing {
         &self,
         field: &[DVec3],
         next: &mut [DVec3],
+        stop: Stop<'_>,
         of: impl Fn(usize, DVec3) -> DVec3 + Sync,
-    ) {
-        let around = |(vertex, next): (usize, &mut DVec3)| {
+    ) -> Option<()> {
+        changed(next, stop, |vertex, next| {
             let links = &self.links[self.starts[vertex]..self.starts[vertex + 1]];
             let add = |sum, link: &Link| sum + f64::from(link.times) * field[link.to as usize];
             *next = of(vertex, links.iter().fold(DVec3::ZERO, add));
-        };
-        next.par_iter_mut().enumerate().with_min_len(1024).for_each(around);
+        })
     }
 }
 
@@ -111,7 +145,7 @@ mod tests {
     fn the_adjoint_is_the_adjoint_and_what_is_even_stays() {
         for sample in Sample::ALL {
             let surface = Surface::new(&sample.mesh(2000).unwrap());
-            let smoothing = Smoothing::new(&surface);
+            let smoothing = Smoothing::new_until(&surface, &never).unwrap();
             let field = |k: f64| -> Vec<DVec3> {
                 surface
                     .positions

@@ -116,22 +116,22 @@ pub fn synchronise_until(
     effort: &Effort,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Lattices {
-    let body = outliers::body(suspect);
+    let none = Lattices { bits, per_centre: Vec::new(), most: effort.lattices };
+    let Some(body) = outliers::body(suspect, stop) else { return none };
     let mut centres = vec![body.centre];
     centres.extend(centre::search(&body, bits, modulation, effort, stop));
     let mut per_centre: Vec<(Cow<'_, Profile>, Vec<Peak>)> = centres
         .into_iter()
-        .take_while(|_| !stop())
-        .map(|centre| {
+        .map_while(|centre| {
             // Sorting the norms is what costs most; those about its own centre are there.
             let whole = body.positions.len() == suspect.vertices();
             let profile = if whole && centre == suspect.frame().centre {
                 Cow::Borrowed(suspect.profile())
             } else {
-                Cow::Owned(Profile::about(&body.positions, centre))
+                Cow::Owned(Profile::about_until(&body.positions, centre, stop)?)
             };
             let peaks = energy::peaks(&profile, bits, modulation, stop);
-            (profile, peaks)
+            Some((profile, peaks))
         })
         .collect();
     let best = |peaks: &[Peak]| peaks.first().map_or(0.0, |peak| peak.energy);

@@ -1,8 +1,8 @@
 //! The body of a suspect: without stray parts that lie far from the rest.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
+use crate::mesh::stop::{Stop, chosen, go_on, mapped};
 use crate::mesh::surface::Surface;
 use crate::watermark::{Profile, Suspect};
 
@@ -24,8 +24,8 @@ pub struct Body {
     pub diagonal: f64,
 }
 
-/// The suspect without what lies beyond a wide gap in its norms.
-pub fn body(suspect: &Suspect) -> Body {
+/// The suspect without what lies beyond a wide gap in its norms; `None` once `stop` answers `true`.
+pub fn body(suspect: &Suspect, stop: Stop<'_>) -> Option<Body> {
     let surface = suspect.surface();
     let mut centre = suspect.frame().centre;
     let (mut low, mut high) = range(suspect.profile());
@@ -34,22 +34,28 @@ pub fn body(suspect: &Suspect) -> Body {
         // The strays had their part in the centre that told them apart: once more about the new.
         for _ in 0..2 {
             let near = |&p: &DVec3| (low..=high).contains(&(p - centre).length());
-            let part = part(surface, near);
-            let profile = Profile::about(&part.positions, part.centre());
+            let part = part(surface, near, stop)?;
+            let centre_of_part = part.centre_until(stop)?;
+            let profile = Profile::about_until(&part.positions, centre_of_part, stop)?;
             centre = profile.frame().centre;
             (low, high) = range(&profile);
         }
         let near = |&p: &DVec3| (low..=high).contains(&(p - centre).length());
-        let part = part(surface, near);
-        let (centre, diagonal) = (part.centre(), part.diagonal());
-        return Body { positions: part.positions, centre, diagonal };
+        let part = part(surface, near, stop)?;
+        let (centre, diagonal) = (part.centre_until(stop)?, part.diagonal());
+        return Some(Body { positions: part.positions, centre, diagonal });
     }
-    Body { positions: surface.positions.clone(), centre, diagonal: surface.diagonal() }
+    go_on(stop)?;
+    Some(Body { positions: surface.positions.clone(), centre, diagonal: surface.diagonal() })
 }
 
 /// The triangles all of whose corners are `near`, and the points that are.
-fn part(surface: &Surface, near: impl Fn(&DVec3) -> bool + Sync) -> Surface {
-    let kept: Vec<bool> = surface.positions.par_iter().map(&near).collect();
+fn part(
+    surface: &Surface,
+    near: impl Fn(&DVec3) -> bool + Sync,
+    stop: Stop<'_>,
+) -> Option<Surface> {
+    let kept = mapped(&surface.positions, stop, |_, p| near(p))?;
     let mut new = vec![u32::MAX; kept.len()];
     let mut positions = Vec::with_capacity(kept.len());
     for ((&p, &kept), new) in surface.positions.iter().zip(&kept).zip(&mut new) {
@@ -58,10 +64,10 @@ fn part(surface: &Surface, near: impl Fn(&DVec3) -> bool + Sync) -> Surface {
             positions.push(p);
         }
     }
-    let all_kept = |t: &&[u32; 3]| t.iter().all(|&v| kept[v as usize]);
-    let renamed = |t: &[u32; 3]| t.map(|v| new[v as usize]);
-    let triangles = surface.triangles.par_iter().filter(all_kept).map(renamed).collect();
-    Surface { positions, triangles, carrier_of: Vec::new(), first_vertex: Vec::new() }
+    let triangles = chosen(&surface.triangles, stop, |_, t| {
+        t.iter().all(|&v| kept[v as usize]).then(|| t.map(|v| new[v as usize]))
+    })?;
+    Some(Surface { positions, triangles, carrier_of: Vec::new(), first_vertex: Vec::new() })
 }
 
 /// The range of norms around the middle that no wide gap interrupts.

@@ -15,19 +15,28 @@ fn what_cannot_be_written_is_refused() {
     let mut wild = mesh.positions().to_vec();
     for bad in [f64::NAN, f64::INFINITY, 1e39] {
         wild[3].y = bad;
-        assert!(matches!(layout.write(&bytes, &mesh, &wild), Err(FormatError::ReadBack { .. })));
+        assert!(matches!(
+            layout.write(&bytes, &mesh, &wild, &|| false),
+            Err(FormatError::ReadBack { .. })
+        ));
         let mut rounded = wild.clone();
-        layout.round(&mesh, &mut rounded);
+        layout.round(&mesh, &mut rounded, &|| false);
         assert_eq!(rounded, mesh.positions());
     }
     let few = &mesh.positions()[1..];
-    assert!(matches!(layout.write(&bytes, &mesh, few), Err(FormatError::ReadBack { .. })));
+    assert!(matches!(
+        layout.write(&bytes, &mesh, few, &|| false),
+        Err(FormatError::ReadBack { .. })
+    ));
     let mut other = bytes.clone();
     let at = layout.container.bin.clone().unwrap().start + 5;
     other[at] ^= 0x40;
     for host in [&bytes[1..], &other] {
         let positions = mesh.positions();
-        assert!(matches!(layout.write(host, &mesh, positions), Err(FormatError::ReadBack { .. })));
+        assert!(matches!(
+            layout.write(host, &mesh, positions, &|| false),
+            Err(FormatError::ReadBack { .. })
+        ));
     }
 }
 
@@ -229,7 +238,7 @@ fn survives(bytes: &[u8], format: Format) {
     let limits = Limits { max_vertices: 10_000, max_triangles: 10_000, max_bytes: 1 << 20 };
     let Ok((mesh, layout)) = read(bytes, format, &limits, &|| false) else { return };
     let positions = nudged(&layout, &mesh, 0.01);
-    let written = layout.write(bytes, &mesh, &positions).unwrap();
+    let written = layout.write(bytes, &mesh, &positions, &|| false).unwrap();
     let (back, _) = read(&written, format, &limits, &|| false).unwrap();
     assert_eq!(bits(back.positions()), bits(&positions));
 }

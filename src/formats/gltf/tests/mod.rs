@@ -29,7 +29,7 @@ fn displaced(mesh: &Mesh, step: f64) -> Vec<DVec3> {
 
 fn nudged(layout: &Layout, mesh: &Mesh, step: f64) -> Vec<DVec3> {
     let mut positions = displaced(mesh, step);
-    layout.round(mesh, &mut positions);
+    layout.round(mesh, &mut positions, &|| false);
     positions
 }
 
@@ -59,13 +59,13 @@ fn written_files_read_back_to_the_bit() {
         for step in [0.0, 1e-9, 1e-3, 0.7, 1e5] {
             let positions = nudged(&layout, &mesh, step);
             let mut again = positions.clone();
-            layout.round(&mesh, &mut again);
+            layout.round(&mesh, &mut again, &|| false);
             assert_eq!(bits(&again), bits(&positions), "{name}: rounding twice");
-            let written = layout.write(&bytes, &mesh, &positions).unwrap();
+            let written = layout.write(&bytes, &mesh, &positions, &|| false).unwrap();
             assert!(
                 layout.pinned().len() == 3 || {
                     let raw = displaced(&mesh, step);
-                    layout.write(&bytes, &mesh, &raw).unwrap() == written
+                    layout.write(&bytes, &mesh, &raw, &|| false).unwrap() == written
                 }
             );
             let (back, _) = open(&written, format).unwrap_or_else(|e| panic!("{name}: {e}"));
@@ -79,7 +79,11 @@ fn written_files_read_back_to_the_bit() {
 fn nothing_moved_is_the_same_file() {
     for (name, bytes, format) in files() {
         let (mesh, layout) = open(&bytes, format).unwrap();
-        assert_eq!(layout.write(&bytes, &mesh, mesh.positions()).unwrap(), bytes, "{name}");
+        assert_eq!(
+            layout.write(&bytes, &mesh, mesh.positions(), &|| false).unwrap(),
+            bytes,
+            "{name}"
+        );
         let same = nudged(&layout, &mesh, 0.0);
         assert_eq!(bits(&same), bits(mesh.positions()), "{name}");
     }
@@ -105,7 +109,7 @@ fn stripped(json: &[u8]) -> serde_json::Value {
 fn only_positions_and_their_bounds_change() {
     for (name, bytes, format) in files() {
         let (mesh, layout) = open(&bytes, format).unwrap();
-        let written = layout.write(&bytes, &mesh, &nudged(&layout, &mesh, 0.3)).unwrap();
+        let written = layout.write(&bytes, &mesh, &nudged(&layout, &mesh, 0.3), &|| false).unwrap();
         let container = container::split(&written, format).unwrap();
         let (old, new) = (&bytes[layout.container.json.clone()], &written[container.json]);
         assert_ne!(written, bytes, "{name}");
@@ -148,7 +152,7 @@ fn text_outside_the_tokens_is_kept() {
     for case in cases() {
         let bytes = case.gltf();
         let (mesh, layout) = open(&bytes, Format::Gltf).unwrap();
-        let written = layout.write(&bytes, &mesh, &nudged(&layout, &mesh, 0.3)).unwrap();
+        let written = layout.write(&bytes, &mesh, &nudged(&layout, &mesh, 0.3), &|| false).unwrap();
         let (old, new) = (String::from_utf8(bytes).unwrap(), String::from_utf8(written).unwrap());
         assert_eq!(blank(&old), blank(&new), "{}", case.name);
     }
@@ -158,7 +162,7 @@ fn text_outside_the_tokens_is_kept() {
 fn bounds_follow_the_positions() {
     for (name, bytes, format) in files() {
         let (mesh, layout) = open(&bytes, format).unwrap();
-        let written = layout.write(&bytes, &mesh, &nudged(&layout, &mesh, 0.3)).unwrap();
+        let written = layout.write(&bytes, &mesh, &nudged(&layout, &mesh, 0.3), &|| false).unwrap();
         let (_, back) = open(&written, format).unwrap();
         let json: serde_json::Value =
             serde_json::from_slice(&written[back.container.json.clone()]).unwrap();
@@ -190,8 +194,8 @@ fn one_vertex_moved_keeps_the_numbers_of_the_others() {
     let (mesh, layout) = open(&bytes, Format::Gltf).unwrap();
     let mut positions = mesh.positions().to_vec();
     positions[1].x += 0.125;
-    layout.round(&mesh, &mut positions);
-    let written = layout.write(&bytes, &mesh, &positions).unwrap();
+    layout.round(&mesh, &mut positions, &|| false);
+    let written = layout.write(&bytes, &mesh, &positions, &|| false).unwrap();
     let text = String::from_utf8(written).unwrap();
     assert!(
         text.contains(r#""min":[-0.4,-1.3,-1.5],"max":[1.8250000476837158,1.1,2.2]"#),
@@ -207,7 +211,7 @@ fn json_padding_absorbs_what_it_can() {
         let host = case.glb_with(&[(0x1234_5678, b"kept")]);
         let host = [host, b"trailing".to_vec()].concat();
         let (mesh, layout) = open(&host, Format::Glb).unwrap();
-        let written = layout.write(&host, &mesh, &nudged(&layout, &mesh, 0.3)).unwrap();
+        let written = layout.write(&host, &mesh, &nudged(&layout, &mesh, 0.3), &|| false).unwrap();
         assert!(written.ends_with(b"\x04\0\0\0\x78\x56\x34\x12kepttrailing"));
         let (_, back) = open(&written, Format::Glb).unwrap();
         let (old, new) = (layout.container.json_chunk.unwrap(), back.container.json_chunk.unwrap());
@@ -234,7 +238,7 @@ fn data_uris_of_every_style() {
         let bytes = text.replacen(&from, &to, 1).into_bytes();
         let (mesh, layout) = open(&bytes, Format::Gltf).unwrap();
         let positions = nudged(&layout, &mesh, 0.3);
-        let written = layout.write(&bytes, &mesh, &positions).unwrap();
+        let written = layout.write(&bytes, &mesh, &positions, &|| false).unwrap();
         assert_eq!(open(&written, Format::Gltf).unwrap().0.positions(), positions, "{to}");
     }
 }
@@ -251,7 +255,10 @@ fn pinned_vertices_stay() {
     }
     assert_ne!(positions[1], mesh.positions()[1]);
     let all: Vec<DVec3> = mesh.positions().iter().map(|p| p + DVec3::ONE).collect();
-    assert!(matches!(layout.write(&bytes, &mesh, &all), Err(FormatError::ReadBack { .. })));
+    assert!(matches!(
+        layout.write(&bytes, &mesh, &all, &|| false),
+        Err(FormatError::ReadBack { .. })
+    ));
 }
 
 #[test]
