@@ -47,6 +47,13 @@ impl Random {
         2.0 * self.share() - 1.0
     }
 
+    /// From the standard normal distribution (Box and Muller 1958).
+    pub fn normal(&mut self) -> f64 {
+        // 1 minus a share is never 0.
+        let size = (-2.0 * libm::log(1.0 - self.share())).sqrt();
+        size * libm::cos(TAU * self.share())
+    }
+
     /// Uniform on the unit sphere (Archimedes: height and longitude are uniform).
     pub fn direction(&mut self) -> DVec3 {
         let (z, angle) = (self.symmetric(), TAU * self.share());
@@ -112,6 +119,17 @@ mod tests {
         assert!(mean.length() < 0.02, "{mean}");
         assert!((random.direction().length() - 1.0).abs() < 1e-12);
         assert!(random.rotation().is_normalized());
+    }
+
+    #[test]
+    fn normal_numbers_have_mean_variance_and_kurtosis() {
+        let mut random = Random::new(2);
+        let numbers: Vec<f64> = (0..100_000).map(|_| random.normal()).collect();
+        let moment =
+            |power: i32| numbers.iter().map(|x| x.powi(power)).sum::<f64>() / numbers.len() as f64;
+        assert!(moment(1).abs() < 0.02, "{}", moment(1));
+        assert!((moment(2) - 1.0).abs() < 0.02, "{}", moment(2));
+        assert!((moment(4) - 3.0).abs() < 0.15, "{}", moment(4));
     }
 
     #[test]

@@ -5,8 +5,9 @@ use std::fmt;
 
 use super::crop::{Of, crop};
 use super::remesh::{Remeshing, remesh};
+use super::scan::{Scanning, scan};
 use super::{
-    AttackError, Target, collude, cotangent, fragment, noise, quantise, re_mark, reorder,
+    AttackError, Target, collude, cotangent, fragment, noise, pipeline, quantise, re_mark, reorder,
     round_trip, similarity, simplify, smooth, spikes, subdivide, voxel,
 };
 use crate::lab::random::Random;
@@ -55,6 +56,8 @@ pub enum Attack {
     Remesh(f64),
     /// [`voxel::voxel`] with cells of this share of the diagonal.
     Voxel(f64),
+    /// [`scan()`] of 100,000 points with noise of this share of the diagonal.
+    Scan(f64),
     /// [`subdivide::midpoint`].
     Midpoint,
     /// [`subdivide::butterfly`].
@@ -86,6 +89,8 @@ pub enum Attack {
     ReMark,
     /// [`round_trip::glb_and_obj`].
     RoundTrip,
+    /// [`pipeline::pipeline`] of this number.
+    Pipeline(u32),
 }
 
 impl Attack {
@@ -114,6 +119,7 @@ impl Attack {
             Self::Simplify(share) => simplify::simplify(marked, share),
             Self::Remesh(share) => remesh(marked, &Remeshing::to_share(share)),
             Self::Voxel(share) => voxel::voxel(marked, share, seed),
+            Self::Scan(noise) => scan(marked, &Scanning::with_noise(noise), seed),
             Self::Midpoint => subdivide::midpoint(marked),
             Self::Butterfly => subdivide::butterfly(marked),
             Self::Loop => subdivide::loop_scheme(marked),
@@ -127,6 +133,7 @@ impl Attack {
             Self::Collude(copies) => averaged(marked.mesh(), context, copies, seed),
             Self::ReMark => re_mark::re_mark(marked.mesh(), context.params, seed),
             Self::RoundTrip => round_trip::glb_and_obj(marked.mesh()),
+            Self::Pipeline(number) => pipeline::pipeline(marked, context, number, seed),
         }
     }
 
@@ -144,6 +151,7 @@ impl Attack {
             Self::Simplify(_) => "simplification",
             Self::Remesh(_) => "remeshing",
             Self::Voxel(_) => "voxel",
+            Self::Scan(_) => "scan",
             Self::Midpoint => "midpoint",
             Self::Butterfly => "butterfly",
             Self::Loop => "loop",
@@ -158,6 +166,7 @@ impl Attack {
             Self::Collude(_) => "collusion",
             Self::ReMark => "re-marking",
             Self::RoundTrip => "round-trip",
+            Self::Pipeline(_) => "pipeline",
         }
     }
 
@@ -170,6 +179,7 @@ impl Attack {
             | Self::Simplify(share)
             | Self::Remesh(share)
             | Self::Voxel(share)
+            | Self::Scan(share)
             | Self::Fragment(share)
             | Self::Crop(share, _) => Some(percent(share)),
             Self::Smooth { iterations: count, .. }
@@ -228,6 +238,9 @@ impl fmt::Display for Attack {
             Self::Voxel(share) => {
                 write!(f, "extracted anew, cells of {} % of the diagonal", percent(share))
             }
+            Self::Scan(noise) => {
+                write!(f, "made anew from points with noise {} % of the diagonal", percent(noise))
+            }
             Self::Midpoint => f.write_str("subdivided, midpoint"),
             Self::Butterfly => f.write_str("subdivided, butterfly"),
             Self::Loop => f.write_str("subdivided, Loop"),
@@ -243,6 +256,10 @@ impl fmt::Display for Attack {
             Self::Collude(copies) => write!(f, "mean of {copies} copies"),
             Self::ReMark => f.write_str("marked again"),
             Self::RoundTrip => f.write_str("GLB and OBJ round trip"),
+            Self::Pipeline(number) => {
+                let [a, b, c] = pipeline::steps(number);
+                write!(f, "pipeline {number}: {a}, {b}, {c}")
+            }
         }
     }
 }

@@ -14,12 +14,15 @@ pub mod crop;
 pub(in crate::lab) mod edges;
 pub mod fragment;
 mod isosurface;
+pub mod named;
 pub mod noise;
+pub mod pipeline;
 pub mod quantise;
 pub mod re_mark;
 pub mod remesh;
 pub mod reorder;
 pub mod round_trip;
+pub mod scan;
 pub mod similarity;
 pub mod simplify;
 pub mod smooth;
@@ -36,6 +39,7 @@ use crate::mesh::{Mesh, MeshError};
 use crate::watermark::WatermarkError;
 
 pub use attack::{Attack, Context};
+pub use named::Named;
 pub use target::Target;
 
 /// Why an attack leaves no mesh.

@@ -43,6 +43,14 @@ impl<'a> Target<'a> {
         Self { stop: Some(stop), ..Self::new(mesh) }
     }
 
+    /// Of what an attack left, under the same `stop`.
+    pub(super) fn same_stop<'b>(&'b self, mesh: &'b Mesh) -> Target<'b> {
+        Target {
+            stop: self.stop.map(|stop| stop as &(dyn Fn() -> bool + Sync)),
+            ..Target::new(mesh)
+        }
+    }
+
     /// Asked in attacks that take long.
     ///
     /// # Errors

@@ -42,7 +42,7 @@ fn relative_mrms(a: &Mesh, b: &Mesh) -> f64 {
     d.mrms / d.diagonal
 }
 
-const ALL: [Attack; 25] = [
+const ALL: [Attack; 27] = [
     Attack::None,
     Attack::Noise(0.003),
     Attack::UniformNoise(0.003),
@@ -68,6 +68,8 @@ const ALL: [Attack; 25] = [
     Attack::Cotangent { lambda: 0.5, iterations: 3 },
     Attack::Voxel(0.02),
     Attack::Fragment(0.1),
+    Attack::Scan(0.0005),
+    Attack::Pipeline(2),
 ];
 
 #[test]
@@ -123,7 +125,11 @@ fn seams_do_not_crack() {
     for attack in ALL {
         if matches!(
             attack,
-            Attack::Collude(_) | Attack::ReMark | Attack::Crop(..) | Attack::Fragment(_)
+            Attack::Collude(_)
+                | Attack::ReMark
+                | Attack::Crop(..)
+                | Attack::Fragment(_)
+                | Attack::Pipeline(_)
         ) {
             continue;
         }
@@ -234,6 +240,47 @@ fn voxel_extraction_gives_a_new_closed_surface_within_a_cell() {
         let [one, other] = [1, 2].map(|seed| voxel::voxel(&Target::new(&host), 0.02, seed));
         assert_ne!(one, other);
     }
+}
+
+#[test]
+fn a_scan_lies_on_the_old_surface_to_within_its_noise() {
+    for (sample, euler) in [(Sample::Blob, 2), (Sample::Knot, 0)] {
+        let host = sample.mesh(6000).unwrap();
+        let diagonal = Surface::new(&host).diagonal();
+        let mrms = [0.0, 0.0005].map(|noise| {
+            let how = scan::Scanning { points: 40_000, noise, cells: 128.0 };
+            let new = scan::scan(&Target::new(&host), &how, 4).unwrap();
+            assert_eq!(topology(&new), (euler, 0), "{sample} {noise}");
+            let d = distortion(&Surface::new(&host), &Surface::new(&new), 20_000).unwrap();
+            assert!(d.hausdorff < diagonal / 128.0, "{sample} {noise}: {}", d.hausdorff);
+            d.mrms / diagonal
+        });
+        // Some fifty points are fitted together, so their noise is averaged.
+        assert!(mrms[1] < 0.0004 && mrms[0] < mrms[1], "{sample}: {mrms:?}");
+    }
+}
+
+#[test]
+fn pipelines_are_three_attacks_of_different_families() {
+    let mut names = Vec::new();
+    for number in 0..100 {
+        let families = pipeline::steps(number).map(|step| step.family());
+        assert!(families[0] != families[1] && families[1] != families[2]);
+        assert!(families[2] != families[0]);
+        names.push(Attack::Pipeline(number).to_string().split_once(':').unwrap().1.to_owned());
+    }
+    names.sort_unstable();
+    names.dedup();
+    assert!(names.len() > 90, "{}", names.len());
+    let host = blob();
+    let params = EmbedParams::default();
+    let context = Context { host: &host, params: &params };
+    let steps = [Attack::Simplify(0.5), Attack::Crop(0.3, Of::Vertices)];
+    let once = pipeline::in_a_row(&steps, &Target::new(&host), &context, 3).unwrap();
+    let mut random = crate::lab::random::Random::new(3);
+    let first = steps[0].apply(&Target::new(&host), &context, random.word()).unwrap();
+    let then = steps[1].apply(&Target::new(&first), &context, random.word()).unwrap();
+    assert_eq!(once, then);
 }
 
 #[test]

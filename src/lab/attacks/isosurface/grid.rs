@@ -70,6 +70,21 @@ pub fn corners(cells: &[u64]) -> Vec<u64> {
     corners
 }
 
+/// The cells around each of `cells`, themselves too, ascending.
+pub fn grown(cells: &[u64]) -> Vec<u64> {
+    let shifted = |cell: u64| {
+        (0..27_u64).map(move |k| {
+            [k / 9, k / 3 % 3, k % 3].iter().zip(STEPS).map(|(&by, step)| by * step).sum::<u64>()
+                + cell
+                - STEPS.iter().sum::<u64>()
+        })
+    };
+    let mut all: Vec<u64> = cells.par_iter().flat_map_iter(|&cell| shifted(cell)).collect();
+    all.par_sort_unstable();
+    all.dedup();
+    all
+}
+
 /// The cells that a surface may touch, ascending: those of the boxes around its triangles, cut until
 /// no side is longer than a cell.
 pub fn touched(grid: &Grid, surface: &Surface) -> Vec<u64> {

@@ -11,7 +11,7 @@ use super::{AttackError, index};
 use crate::mesh::Mesh;
 use cases::{Cases, EDGES};
 
-pub use grid::{Grid, touched};
+pub use grid::{Grid, grown, touched};
 
 /// A vertex stays this share of an edge away from both of its corners: vertices of different edges
 /// never coincide, so that no triangle loses its area.
