@@ -13,7 +13,9 @@ use std::sync::Mutex;
 
 use glam::DVec3;
 use quadmark::blobs::{geometry, marked};
-use quadmark::formats::{Asset, Limits};
+use quadmark::formats::{Asset, Format, Limits, agrees_until};
+use quadmark::lab::attacks::Target;
+use quadmark::lab::attacks::simplify::simplify;
 use quadmark::lab::expected::expected;
 use quadmark::marking::{MarkRequest, inspect_asset, inspect_asset_until, mark_asset};
 use quadmark::mesh::Mesh;
@@ -32,6 +34,12 @@ use rustix::time::{ClockId, clock_gettime};
 
 /// Vertices of the mesh.
 const VERTICES: u32 = 3_000_000;
+
+/// Vertices whose OBJ is as long as a file may be to be opened by another reader, too.
+const CHECKED: u32 = 230_000;
+
+/// Vertices of a mesh on which simplification is rehearsed, too: more triangles are not simplified.
+const SIMPLIFIED: u32 = 79_900;
 
 /// Vertices of the mesh that is rehearsed on: more are not rehearsed.
 const REHEARSED: u32 = 199_000;
@@ -95,8 +103,19 @@ fn files(mesh: &Mesh) {
             };
             mark_asset(asset, &bytes, &request).unwrap().bytes
         });
-        stage(&format!("packing a marked {format}"), |_| {
-            black_box(marked::pack(&made, &[0; 32]).unwrap());
+        stage(&format!("packing a marked {format}"), |stop| {
+            black_box(marked::pack_until(&made, &[0; 32], stop).unwrap());
+        });
+    }
+}
+
+/// The second opinion of another reader, on files as large as it is asked about.
+fn checking() {
+    let mesh = Sample::Knot.mesh(CHECKED).unwrap();
+    for (format, bytes) in [(Format::Obj, to_obj(&mesh)), (Format::Glb, to_glb(&mesh))] {
+        let size = bytes.len() as f64 / f64::from(1 << 20);
+        stage(&format!("second opinion on {size:.0} MiB of {format:?}"), |stop| {
+            agrees_until(format, &bytes, &bytes, stop)
         });
     }
 }
@@ -108,6 +127,17 @@ fn inspecting(mesh: &Mesh) {
     let small = Sample::Knot.mesh(REHEARSED).unwrap();
     let asset = Asset::read(&to_glb(&small), &Limits::default()).unwrap();
     let seen = inspect_asset(&asset, &params).unwrap();
+    let simplified = Sample::Knot.mesh(SIMPLIFIED).unwrap();
+    let target = Target::new(&simplified);
+    target.surface().unwrap();
+    stage(&format!("simplifying {SIMPLIFIED} vertices by 90 %, one call"), |_| {
+        simplify(&target, 0.9).unwrap()
+    });
+    stage(&format!("rehearsing on {SIMPLIFIED} vertices"), |stop| {
+        let asset = Asset::read(&to_glb(&simplified), &Limits::default()).unwrap();
+        let seen = inspect_asset(&asset, &params).unwrap();
+        expected(asset.mesh(), &seen, &params, stop)
+    });
     stage(&format!("rehearsing on {REHEARSED} vertices"), |stop| {
         expected(asset.mesh(), &seen, &params, stop)
     });
@@ -132,25 +162,27 @@ fn marking(mesh: &Mesh, surface: &Surface) -> (Vec<DVec3>, Codeword) {
 }
 
 fn keeping(mesh: &Mesh) {
-    stage("hashing a geometry", |_| geometry::key(mesh));
-    let packed = stage("packing a geometry", |_| geometry::pack(mesh).unwrap());
-    stage("unpacking a geometry", |_| geometry::unpack(&packed, usize::MAX, usize::MAX).unwrap());
+    stage("hashing a geometry", |stop| geometry::key_until(mesh, stop).unwrap());
+    let packed = stage("packing a geometry", |stop| geometry::pack_until(mesh, stop).unwrap());
+    stage("unpacking a geometry", |stop| {
+        geometry::unpack_until(&packed, usize::MAX, usize::MAX, stop).unwrap()
+    });
 }
 
 fn preparing(surface: &Surface) -> (Shape, PreparedHost) {
-    let shape = stage("preparing a shape", |_| Shape::new(surface.clone()).unwrap());
-    stage("sketching", |_| Sketch::new(&shape));
-    stage("sketching a suspect", |_| Probe::new(&shape));
+    let shape = stage("preparing a shape", |stop| Shape::new_until(surface.clone(), stop).unwrap());
+    stage("sketching", |stop| Sketch::new_until(&shape, stop).unwrap());
+    stage("sketching a suspect", |stop| Probe::new_until(&shape, stop).unwrap());
     let copy = shape.clone();
-    let host = stage("preparing a host", |_| PreparedHost::new(copy));
+    let host = stage("preparing a host", |stop| PreparedHost::new_until(copy, stop).unwrap());
     let copy = shape.clone();
-    stage("preparing a suspect of hosts", |_| PreparedSuspect::new(copy));
+    stage("preparing a suspect of hosts", |stop| PreparedSuspect::new_until(copy, stop).unwrap());
     (shape, host)
 }
 
 fn looking(mesh: &Mesh, marked: &Mesh) {
     let budget = Budget::new(200_000_000);
-    let home = stage("preparing a home", |_| Home::new(mesh.clone()));
+    let home = stage("preparing a home", |stop| Home::new_until(mesh.clone(), stop).unwrap());
     let moved = marked.positions().iter().map(|p| 0.5 * *p + DVec3::ONE).collect();
     let twin = Mesh::new(moved, marked.triangles().to_vec()).unwrap();
     let other = Sample::Knot.mesh(VERTICES / 2).unwrap();
@@ -169,7 +201,7 @@ fn looking(mesh: &Mesh, marked: &Mesh) {
 
 fn verifying(mesh: &Mesh, marked: &Mesh, codeword: &Codeword) {
     let bits = BitCount::default();
-    let suspect = stage("preparing a suspect", |_| Suspect::new(marked).unwrap());
+    let suspect = stage("preparing a suspect", |stop| Suspect::new_until(marked, stop).unwrap());
     let full =
         quadmark::watermark::Effort { radius: 0.018, candidates: 4, centres: 2, lattices: 4 };
     stage("searching lattices", |stop| {
@@ -198,8 +230,9 @@ fn main() {
         let mesh = Sample::Knot.mesh(vertices).unwrap();
         println!("{} vertices, {} triangles\n", mesh.positions().len(), mesh.triangles().len());
         println!("| stage | seconds in all | questions | largest gap, ms |\n|---|---|---|---|");
-        let surface = stage("preparing a surface", |_| Surface::new(&mesh));
+        let surface = stage("preparing a surface", |stop| Surface::new_until(&mesh, stop).unwrap());
         files(&mesh);
+        checking();
         inspecting(&mesh);
         let (positions, codeword) = marking(&mesh, &surface);
         keeping(&mesh);

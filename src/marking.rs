@@ -11,7 +11,7 @@ mod within;
 
 use serde::{Serialize, Serializer};
 
-use crate::formats::{Agreement, Asset, Format, FormatError, Limits, Written, agrees};
+use crate::formats::{Agreement, Asset, Format, FormatError, Limits, Written, agrees_until};
 use crate::mesh::Mesh;
 use crate::mesh::quality::{Quality, quality_until};
 use crate::mesh::stop::Stop;
@@ -257,10 +257,12 @@ fn mark_by(
         cancelled()?;
     }
     if bytes.len() <= request.independent_check_max_bytes
-        && let Agreement::Differs(reason) = agrees(format, host, &bytes)
+        && let Agreement::Differs(reason) = agrees_until(format, host, &bytes, stop)
     {
+        cancelled()?;
         return Err(MarkError::Check(reason));
     }
+    cancelled()?;
     let report = MarkReport {
         vertices: asset.mesh().positions().len(),
         triangles: asset.mesh().triangles().len(),

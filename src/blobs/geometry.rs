@@ -6,11 +6,12 @@
 //! all second bytes, ...), which zstd packs far better than interleaved floats. Pure; must not
 //! know where the bytes are kept. The decoder treats them as hostile: a backup can be damaged.
 
-use std::io::Read;
+use std::io::{Read, Write};
 
 use glam::DVec3;
 use sha2::{Digest, Sha256};
 
+use crate::mesh::stop::{STEP, Stop, counted, go_on, never, unstopped};
 use crate::mesh::{Mesh, MeshError};
 
 const MAGIC: &[u8; 4] = b"QMG1";
@@ -18,6 +19,8 @@ const HEADER_BYTES: usize = 12;
 const KEY_LABEL: &[u8] = b"quadmark/1/geometry";
 /// Vertices or triangles that are hashed at once.
 const KEY_STEP: usize = 4096;
+/// Bytes that are compressed, or read, between two questions whether to stop.
+const PART: usize = 1 << 20;
 /// Fast, and within a few per cent of the best level on shuffled floats.
 const ZSTD_LEVEL: i32 = 3;
 
@@ -30,6 +33,9 @@ pub enum GeometryError {
     /// More than the limits allow.
     #[error("stored geometry has more vertices or triangles than the limits allow")]
     TooLarge,
+    /// The caller gave up.
+    #[error("given up")]
+    Stopped,
     /// zstd refused.
     #[error("stored geometry cannot be compressed or decompressed: {0}")]
     Zstd(#[from] std::io::Error),
@@ -43,22 +49,30 @@ pub enum GeometryError {
 /// counts, because suspects are compared vertex by vertex in the order of the file, too.
 #[must_use]
 pub fn key(mesh: &Mesh) -> [u8; 32] {
+    unstopped(|stop| key_until(mesh, stop))
+}
+
+/// The same; `None` once `stop` answers `true`.
+#[must_use]
+pub fn key_until(mesh: &Mesh, stop: Stop<'_>) -> Option<[u8; 32]> {
     let mut hash = Sha256::new();
     hash.update(KEY_LABEL);
     hash.update((mesh.positions().len() as u64).to_le_bytes());
     hash.update((mesh.triangles().len() as u64).to_le_bytes());
     let mut part = Vec::with_capacity(KEY_STEP * 24);
     for positions in mesh.positions().chunks(KEY_STEP) {
+        go_on(stop)?;
         part.clear();
         part.extend(positions.iter().flat_map(DVec3::to_array).flat_map(f64::to_le_bytes));
         hash.update(&part);
     }
     for triangles in mesh.triangles().chunks(KEY_STEP) {
+        go_on(stop)?;
         part.clear();
         part.extend(triangles.iter().flatten().flat_map(|corner| corner.to_le_bytes()));
         hash.update(&part);
     }
-    hash.finalize().into()
+    Some(hash.finalize().into())
 }
 
 /// Packs a mesh.
@@ -66,19 +80,40 @@ pub fn key(mesh: &Mesh) -> [u8; 32] {
 /// # Errors
 /// [`GeometryError::Zstd`]; not expected.
 pub fn pack(mesh: &Mesh) -> Result<Vec<u8>, GeometryError> {
+    pack_until(mesh, &never)
+}
+
+/// The same, as long as `stop` answers `false`.
+///
+/// # Errors
+/// Also [`GeometryError::Stopped`].
+pub fn pack_until(mesh: &Mesh, stop: Stop<'_>) -> Result<Vec<u8>, GeometryError> {
+    let heard = || go_on(stop).ok_or(GeometryError::Stopped);
     let (positions, triangles) = (mesh.positions(), mesh.triangles());
     let vertices = u32::try_from(positions.len()).map_err(|_| GeometryError::TooLarge)?;
     let faces = u32::try_from(triangles.len()).map_err(|_| GeometryError::TooLarge)?;
     let mut plain = vec![0; positions.len() * 24 + triangles.len() * 12];
     let (floats, corners) = plain.split_at_mut(positions.len() * 24);
-    shuffle(floats, positions.iter().flat_map(DVec3::to_array).map(f64::to_le_bytes));
-    shuffle(corners, triangles.iter().flatten().map(|corner| corner.to_le_bytes()));
+    for (step, part) in positions.chunks(STEP).enumerate() {
+        heard()?;
+        let numbers = part.iter().flat_map(DVec3::to_array).map(f64::to_le_bytes);
+        shuffle(floats, 3 * STEP * step, numbers);
+    }
+    for (step, part) in triangles.chunks(STEP).enumerate() {
+        heard()?;
+        let numbers = part.iter().flatten().map(|corner| corner.to_le_bytes());
+        shuffle(corners, 3 * STEP * step, numbers);
+    }
     let mut packed = Vec::with_capacity(HEADER_BYTES + plain.len() / 2);
     packed.extend_from_slice(MAGIC);
     packed.extend_from_slice(&vertices.to_le_bytes());
     packed.extend_from_slice(&faces.to_le_bytes());
-    zstd::stream::copy_encode(plain.as_slice(), &mut packed, ZSTD_LEVEL)?;
-    Ok(packed)
+    let mut encoder = zstd::stream::Encoder::new(packed, ZSTD_LEVEL)?;
+    for part in plain.chunks(PART) {
+        heard()?;
+        encoder.write_all(part)?;
+    }
+    Ok(encoder.finish()?)
 }
 
 /// Unpacks a mesh of at most so many vertices and triangles.
@@ -90,6 +125,20 @@ pub fn unpack(
     max_vertices: usize,
     max_triangles: usize,
 ) -> Result<Mesh, GeometryError> {
+    unpack_until(packed, max_vertices, max_triangles, &never)
+}
+
+/// The same, as long as `stop` answers `false`.
+///
+/// # Errors
+/// Also [`GeometryError::Stopped`].
+pub fn unpack_until(
+    packed: &[u8],
+    max_vertices: usize,
+    max_triangles: usize,
+    stop: Stop<'_>,
+) -> Result<Mesh, GeometryError> {
+    let heard = || go_on(stop).ok_or(GeometryError::Stopped);
     let cut_off = GeometryError::Damaged("it is cut off");
     let (header, frame) = packed.split_at_checked(HEADER_BYTES).ok_or(cut_off)?;
     let (magic, counts) = header.split_at(MAGIC.len());
@@ -109,23 +158,27 @@ pub fn unpack(
     // a frame that unpacks to more than it promises is stopped one byte later.
     let mut plain = Vec::new();
     let most = u64::try_from(length).map_err(|_| GeometryError::TooLarge)?.saturating_add(1);
-    zstd::stream::Decoder::new(frame)?.take(most).read_to_end(&mut plain)?;
+    let mut decoder = zstd::stream::Decoder::new(frame)?.take(most);
+    while decoder.by_ref().take(PART as u64).read_to_end(&mut plain)? > 0 {
+        heard()?;
+    }
     if plain.len() != length {
         return Err(GeometryError::Damaged("its length is not what its header says"));
     }
     let (floats, corners) = plain.split_at(float_bytes);
     let float = |index| f64::from_le_bytes(unshuffle(floats, vertices * 3, index));
     let corner = |index| u32::from_le_bytes(unshuffle(corners, faces * 3, index));
-    let positions =
-        (0..vertices).map(|v| DVec3::new(float(v * 3), float(v * 3 + 1), float(v * 3 + 2)));
-    let triangles = (0..faces).map(|t| [corner(t * 3), corner(t * 3 + 1), corner(t * 3 + 2)]);
-    Ok(Mesh::new(positions.collect(), triangles.collect())?)
+    let position = |v| DVec3::new(float(v * 3), float(v * 3 + 1), float(v * 3 + 2));
+    let positions = counted(vertices, stop, position).ok_or(GeometryError::Stopped)?;
+    let triangle = |t| [corner(t * 3), corner(t * 3 + 1), corner(t * 3 + 2)];
+    let triangles = counted(faces, stop, triangle).ok_or(GeometryError::Stopped)?;
+    Ok(Mesh::new(positions, triangles)?)
 }
 
-/// Byte `b` of number `i` goes to `b * count + i`.
-fn shuffle<const N: usize>(plain: &mut [u8], numbers: impl Iterator<Item = [u8; N]>) {
+/// Byte `b` of number `i` goes to `b * count + i`. These numbers are those from `first` on.
+fn shuffle<const N: usize>(plain: &mut [u8], first: usize, numbers: impl Iterator<Item = [u8; N]>) {
     let count = plain.len() / N;
-    for (index, number) in numbers.enumerate() {
+    for (index, number) in (first..).zip(numbers) {
         for (byte, value) in number.into_iter().enumerate() {
             if let Some(place) = plain.get_mut(byte * count + index) {
                 *place = value;

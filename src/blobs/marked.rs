@@ -23,6 +23,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
+use crate::mesh::stop::{Stop, go_on, never};
+
 const MAGIC: &[u8; 8] = b"QMF1\r\n\x1a\n";
 /// Magic, three numbers and the hash: what tells the length of the header.
 pub const PREFIX_BYTES: usize = 8 + 4 + 4 + 8 + 32;
@@ -31,6 +33,8 @@ const CHECK_BYTES: usize = 8;
 /// What one reader holds is a frame or two. With frames of 1 MiB the dragon's OBJ would take 26.7 %
 /// of its bytes instead of 27.3 %, a GLB as much as now, and thirty readers four times the memory.
 const FRAME_BYTES: usize = 256 << 10;
+/// Frames that are copied, or bytes of so many that are hashed, between two questions whether to stop.
+const FRAMES: usize = 16;
 /// A header cannot ask for larger frames than this.
 const MOST_FRAME_BYTES: u64 = 4 << 20;
 /// On OBJ level 3 makes 3 % more bytes than this one in half as much time again. Level 9 makes 15 %
@@ -46,6 +50,9 @@ pub enum MarkedError {
     /// Longer than the container can hold.
     #[error("the file is too long to be stored")]
     TooLong,
+    /// The caller gave up.
+    #[error("packing was given up")]
+    Stopped,
     /// zstd refused.
     #[error("the file cannot be compressed: {0}")]
     Zstd(#[from] std::io::Error),
@@ -56,8 +63,18 @@ pub enum MarkedError {
 /// # Errors
 /// [`MarkedError`]; not expected below 2^32 frames.
 pub fn pack(plain: &[u8], sha256: &[u8; 32]) -> Result<Vec<u8>, MarkedError> {
+    pack_until(plain, sha256, &never)
+}
+
+/// The same, as long as `stop` answers `false`.
+///
+/// # Errors
+/// Also [`MarkedError::Stopped`].
+pub fn pack_until(plain: &[u8], sha256: &[u8; 32], stop: Stop<'_>) -> Result<Vec<u8>, MarkedError> {
+    let heard = || go_on(stop).ok_or(MarkedError::Stopped);
+    let frame = |plain: &[u8]| heard().and_then(|()| pack_frame(plain));
     let frames: Vec<([u8; ENTRY_BYTES], Vec<u8>)> =
-        plain.par_chunks(FRAME_BYTES).map(pack_frame).collect::<Result<_, MarkedError>>()?;
+        plain.par_chunks(FRAME_BYTES).map(frame).collect::<Result<_, MarkedError>>()?;
     let count = u32::try_from(frames.len()).map_err(|_| MarkedError::TooLong)?;
     let frame_bytes = u32::try_from(FRAME_BYTES).map_err(|_| MarkedError::TooLong)?;
     let stored: usize = frames.iter().map(|(_, bytes)| bytes.len()).sum();
@@ -72,10 +89,24 @@ pub fn pack(plain: &[u8], sha256: &[u8; 32]) -> Result<Vec<u8>, MarkedError> {
         packed.extend_from_slice(entry);
     }
     packed.extend_from_slice(&check_of(&packed));
-    for (_, bytes) in &frames {
+    for (number, (_, bytes)) in frames.iter().enumerate() {
+        if number % FRAMES == 0 {
+            heard()?;
+        }
         packed.extend_from_slice(bytes);
     }
     Ok(packed)
+}
+
+/// The SHA-256 of a file; `None` once `stop` answers `true`.
+#[must_use]
+pub fn sha256_until(plain: &[u8], stop: Stop<'_>) -> Option<[u8; 32]> {
+    let mut hash = Sha256::new();
+    for part in plain.chunks(FRAMES * FRAME_BYTES) {
+        go_on(stop)?;
+        hash.update(part);
+    }
+    Some(hash.finalize().into())
 }
 
 fn pack_frame(plain: &[u8]) -> Result<([u8; ENTRY_BYTES], Vec<u8>), MarkedError> {

@@ -5,9 +5,10 @@
 
 use std::collections::HashMap;
 use std::fmt::Debug;
+use std::io::{self, BufRead, Read};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use super::Format;
+use super::{Format, Stop};
 
 /// What an independent reader says of a marked file beside its host.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -23,9 +24,48 @@ pub enum Agreement {
 /// Compares host and marked file in an independent reader.
 #[must_use]
 pub fn agrees(format: Format, host: &[u8], marked: &[u8]) -> Agreement {
+    agrees_until(format, host, marked, &|| false)
+}
+
+/// The same; what it says once `stop` answers `true` is worth nothing.
+#[must_use]
+pub fn agrees_until(format: Format, host: &[u8], marked: &[u8], stop: Stop<'_>) -> Agreement {
+    let given_up = || if stop() { Err("given up".to_owned()) } else { Ok(()) };
     match format {
-        Format::Obj => compare(obj_outline, host, marked),
-        Format::Gltf | Format::Glb => compare(gltf_outline, host, marked),
+        Format::Obj => compare(|bytes| obj_outline(Heard { bytes, stop }), host, marked),
+        Format::Gltf | Format::Glb => {
+            compare(|bytes| given_up().and_then(|()| gltf_outline(bytes)), host, marked)
+        }
+    }
+}
+
+/// Bytes that cannot be read any more once it is time to give up.
+struct Heard<'a> {
+    bytes: &'a [u8],
+    stop: Stop<'a>,
+}
+
+/// Bytes that a reader is given at once.
+const PART: usize = 64 << 10;
+
+impl BufRead for Heard<'_> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        if (self.stop)() {
+            return Err(io::Error::other("given up"));
+        }
+        Ok(self.bytes.get(..PART).unwrap_or(self.bytes))
+    }
+
+    fn consume(&mut self, amount: usize) {
+        self.bytes = self.bytes.get(amount..).unwrap_or_default();
+    }
+}
+
+impl Read for Heard<'_> {
+    fn read(&mut self, to: &mut [u8]) -> io::Result<usize> {
+        let read = self.fill_buf()?.read(to)?;
+        self.consume(read);
+        Ok(read)
     }
 }
 
@@ -67,7 +107,7 @@ struct ObjModel {
     indices: [Vec<u32>; 3],
 }
 
-fn obj_outline(mut bytes: &[u8]) -> Result<Vec<ObjModel>, String> {
+fn obj_outline(mut bytes: impl BufRead) -> Result<Vec<ObjModel>, String> {
     let options = tobj::LoadOptions { triangulate: true, ..Default::default() };
     // The callback is asked for every `mtllib`; it opens nothing.
     let (models, _) =

@@ -17,7 +17,7 @@ use glam::DVec3;
 use crate::mesh::stop::Stop;
 use crate::mesh::{Mesh, MeshError};
 
-pub use independent::{Agreement, agrees};
+pub use independent::{Agreement, agrees, agrees_until};
 pub use sniff::sniff;
 
 /// A file format that can be read and patched.

@@ -13,7 +13,9 @@ use tracing::error;
 use uuid::Uuid;
 
 use super::{Service, ServiceError};
-use crate::blobs::{StoredFile, marked};
+use crate::blobs::StoredFile;
+use crate::blobs::marked::{self, MarkedError};
+use crate::jobs::Stop;
 use crate::registry::Record;
 
 /// Bytes of one step of reading a temporary file.
@@ -129,10 +131,10 @@ impl Service {
     }
 }
 
-/// A marked file as it is stored. Compressing takes a fraction of what marking took, on a blocking
-/// thread.
-pub(super) async fn packed(marked: Bytes, sha256: [u8; 32]) -> Result<Bytes, ServiceError> {
-    let packed = tokio::task::spawn_blocking(move || marked::pack(&marked, &sha256));
-    let packed = packed.await.map_err(|error| ServiceError::Internal(error.to_string()))?;
-    Ok(packed.map_err(|error| ServiceError::Internal(error.to_string()))?.into())
+/// A marked file as it is stored.
+pub(super) fn packed(marked: &[u8], sha256: &[u8; 32], stop: &Stop) -> Result<Bytes, ServiceError> {
+    match marked::pack_until(marked, sha256, &|| stop.now()) {
+        Err(MarkedError::Stopped) => Err(stop.reason().into()),
+        packed => Ok(packed.map_err(|error| ServiceError::Internal(error.to_string()))?.into()),
+    }
 }

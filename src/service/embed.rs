@@ -8,7 +8,6 @@ use std::sync::{Arc, OnceLock};
 
 use bytes::Bytes;
 use jiff::Timestamp;
-use sha2::{Digest, Sha256};
 use tracing::error;
 use uuid::Uuid;
 
@@ -18,9 +17,9 @@ use super::known::mark_key;
 use super::memory::{self, Purpose};
 use super::register::KeptHost;
 use super::{Content, OnExisting, Service, ServiceError, Spooled, Text, idempotency};
-use crate::blobs::{Kind, geometry};
+use crate::blobs::{Kind, geometry, marked};
 use crate::formats::{Asset, Format, sniff};
-use crate::jobs::JobError;
+use crate::jobs::{JobError, Stop};
 use crate::keys::random_bytes;
 use crate::marking::{
     MOST_STRENGTHS, MarkReport, MarkRequest, Marked, MaxDistortion, mark_asset, mark_asset_within,
@@ -82,6 +81,8 @@ pub struct Embedded {
 struct Done {
     marked: Bytes,
     marked_sha256: [u8; 32],
+    /// As it is stored, where it is kept.
+    packed: Option<Bytes>,
     host: Option<KeptHost>,
     format: Format,
     frame: crate::watermark::Frame,
@@ -114,6 +115,7 @@ struct Making {
     message: Message,
     how: (Method, BitCount, Force),
     keep_host: bool,
+    keep_file: bool,
     /// Without it nobody looks what the host carries.
     on_existing: Option<OnExisting>,
     /// Receives the key of the host's geometry as soon as the host was read, whatever comes of it.
@@ -177,7 +179,8 @@ impl Service {
         };
         let (method, bits) = (request.method, request.bits);
         let message_bytes = message.to_bytes();
-        let (keep_host, on_existing) = (request.keep_host, Some(request.on_existing));
+        let (keep_host, keep_file) = (request.keep_host, request.keep_file);
+        let on_existing = Some(request.on_existing);
         let geometry = Arc::new(OnceLock::new());
         let making = Making {
             file: request.file,
@@ -186,6 +189,7 @@ impl Service {
             message,
             how: (method, bits, force),
             keep_host,
+            keep_file,
             on_existing,
             geometry: geometry.clone(),
         };
@@ -233,15 +237,14 @@ impl Service {
             usable_bins: done.usable_bins,
             quality: Some(done.quality),
             existing_marks,
-            file_kept: request.keep_file,
+            file_kept: done.packed.is_some(),
             host_kept: done.host.is_some(),
             // Whole microseconds: what the registry keeps.
             created_at: now()?,
             revoked_at: None,
         };
         let (host, marked) = (done.host, done.marked);
-        let content = if record.file_kept {
-            let file = packed(marked, record.marked_sha256).await?;
+        let content = if let Some(file) = done.packed {
             self.register(&record, Some(file), host, idempotency).await?;
             self.content(&record).await?
         } else {
@@ -255,7 +258,8 @@ impl Service {
 
     /// On the pool: reads the host, marks it and measures the result.
     async fn mark(self: &Arc<Self>, making: Making) -> Result<Done, ServiceError> {
-        let Making { file, formats, key, message, how, keep_host, on_existing, geometry } = making;
+        let Making { file, formats, key, message, how, keep_host, keep_file, .. } = making;
+        let Making { on_existing, geometry, .. } = making;
         let (method, bits, force) = how;
         let limits = self.config.limits;
         let independent_check_max_bytes = self.config.independent_check_max_bytes;
@@ -273,7 +277,9 @@ impl Service {
             let stop = || allowed.stop().now();
             let asset = Asset::read_until(&host_bytes, &limits, &stop)?;
             allowed.need(memory::needed(asset.mesh(), Purpose::Embed))?;
-            let host_key = *geometry.get_or_init(|| geometry::key(asset.mesh()));
+            let host_key = geometry::key_until(asset.mesh(), &stop);
+            let host_key = host_key.ok_or_else(|| allowed.stop().reason())?;
+            let host_key = *geometry.get_or_init(|| host_key);
             let existing = match on_existing {
                 Some(on_existing) => {
                     let seen = service.marks_on(asset.mesh(), allowed.stop())?;
@@ -298,14 +304,15 @@ impl Service {
             };
             let Marked { bytes, format, host, host_frame, report } = marked;
             drop(host_bytes);
-            if stop() {
-                return Err(allowed.stop().reason().into());
-            }
-            let kept = keep_host.then(|| kept(host_key, &host)).transpose()?;
+            let kept = keep_host.then(|| kept(host_key, &host, allowed.stop())).transpose()?;
+            let sha256 = marked::sha256_until(&bytes, &stop);
+            let sha256 = sha256.ok_or_else(|| allowed.stop().reason())?;
+            let packed = keep_file.then(|| packed(&bytes, &sha256, allowed.stop())).transpose()?;
             let usable_bins = u32::try_from(report.usable_bins)
                 .map_err(|_| ServiceError::Internal("too many bins".to_owned()))?;
             Ok(Done {
-                marked_sha256: Sha256::digest(&bytes).into(),
+                marked_sha256: sha256,
+                packed,
                 marked: bytes.into(),
                 host: kept,
                 format,
@@ -368,6 +375,7 @@ impl Service {
             message,
             how: (record.method, record.bits, Force::Exactly(record.strength)),
             keep_host: false,
+            keep_file: record.file_kept,
             on_existing: None,
             geometry: Arc::default(),
         };
@@ -375,8 +383,7 @@ impl Service {
         if done.marked_sha256 != record.marked_sha256 {
             return Err(ServiceError::CannotRemake(id));
         }
-        if record.file_kept {
-            let file = packed(done.marked, record.marked_sha256).await?;
+        if let Some(file) = done.packed {
             self.blobs.put(Kind::File, id, file).await?;
             return self.content(&record).await;
         }
@@ -401,10 +408,16 @@ fn is_about_the_codeword(error: &ServiceError) -> bool {
 }
 
 /// Geometry and sketch of a host.
-fn kept(key: [u8; 32], host: &Mesh) -> Result<KeptHost, ServiceError> {
-    let shape = Shape::new(Surface::new(host));
-    let sketch = shape.map(|shape| Sketch::new(&shape));
-    Ok(KeptHost { key, geometry: geometry::pack(host)?.into(), sketch })
+fn kept(key: [u8; 32], host: &Mesh, stop: &Stop) -> Result<KeptHost, ServiceError> {
+    let asked = || stop.now();
+    let surface = Surface::new_until(host, &asked);
+    let shape = surface.and_then(|surface| Shape::new_until(surface, &asked));
+    let sketch = shape.and_then(|shape| Sketch::new_until(&shape, &asked));
+    match geometry::pack_until(host, &asked) {
+        // (What has no shape has no sketch; what was stopped has none either.)
+        _ if stop.now() => Err(stop.reason().into()),
+        packed => Ok(KeptHost { key, geometry: packed?.into(), sketch }),
+    }
 }
 
 fn quality_of(report: &MarkReport) -> Quality {

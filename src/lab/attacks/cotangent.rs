@@ -21,12 +21,12 @@ use crate::mesh::surface::doubled_area;
 /// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when a `lambda` above 1 makes it diverge.
 pub fn cotangent(target: &Target<'_>, lambda: f64, iterations: usize) -> Result<Mesh, AttackError> {
     let surface = target.surface()?;
-    let (triangles, around, edges) = (&surface.triangles, target.around(), target.edges());
+    let (triangles, around, edges) = (&surface.triangles, target.around()?, target.edges()?);
     let mut on_border = vec![false; surface.positions.len()];
     for vertex in edges.borders().flatten() {
         on_border[vertex as usize] = true;
     }
-    let rings = target.rings();
+    let rings = target.rings()?;
     let mut now = surface.positions.clone();
     for _ in 0..iterations {
         target.go_on()?;

@@ -1,5 +1,10 @@
 //! The edges of a triangle list, each once, with the triangles at it.
 
+use crate::mesh::stop::{Stop, go_on, unstopped};
+
+/// Vertices between two questions whether to stop.
+const VERTICES: u32 = 1 << 15;
+
 /// No such triangle side.
 pub const NO_SIDE: usize = usize::MAX;
 
@@ -20,21 +25,29 @@ impl Edges {
     /// Sorts the sides of `triangles`: by their smaller corner in one count, then those at each
     /// corner.
     pub fn new(triangles: &[[u32; 3]]) -> Self {
-        let mut sides = sides_by_smaller_corner(triangles);
+        unstopped(|stop| Self::new_until(triangles, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    pub fn new_until(triangles: &[[u32; 3]], stop: Stop<'_>) -> Option<Self> {
+        let mut sides = sides_by_smaller_corner(triangles, stop)?;
         let mut edges = Self {
             ends: Vec::with_capacity(sides.of.len() / 2),
             count: Vec::with_capacity(sides.of.len() / 2),
             sides: Vec::with_capacity(sides.of.len() / 2),
             of_side: vec![0; sides.of.len()],
         };
-        for (vertex, bounds) in (0..).zip(sides.starts.windows(2)) {
+        for (vertex, bounds) in (0_u32..).zip(sides.starts.windows(2)) {
+            if vertex.is_multiple_of(VERTICES) {
+                go_on(stop)?;
+            }
             let at = &mut sides.of[bounds[0]..bounds[1]];
             at.sort_unstable();
             for &mut (other, side) in at {
                 edges.add([vertex, other], side);
             }
         }
-        edges
+        Some(edges)
     }
 
     fn add(&mut self, ends: [u32; 2], side: usize) {
@@ -72,7 +85,7 @@ struct Sides {
     of: Vec<(u32, usize)>,
 }
 
-fn sides_by_smaller_corner(triangles: &[[u32; 3]]) -> Sides {
+fn sides_by_smaller_corner(triangles: &[[u32; 3]], stop: Stop<'_>) -> Option<Sides> {
     let ends = |&[a, b, c]: &[u32; 3]| {
         [(a, b), (b, c), (c, a)].map(|(i, j)| (i.min(j) as usize, i.max(j)))
     };
@@ -81,9 +94,11 @@ fn sides_by_smaller_corner(triangles: &[[u32; 3]]) -> Sides {
     for (smaller, _) in triangles.iter().flat_map(ends) {
         starts[smaller + 1] += 1;
     }
+    go_on(stop)?;
     for vertex in 0..vertices {
         starts[vertex + 1] += starts[vertex];
     }
+    go_on(stop)?;
     let mut next = starts.clone();
     let mut of = vec![(0, 0); 3 * triangles.len()];
     for (side, (smaller, larger)) in triangles.iter().flat_map(ends).enumerate() {
@@ -91,7 +106,7 @@ fn sides_by_smaller_corner(triangles: &[[u32; 3]]) -> Sides {
         of[*slot] = (larger, side);
         *slot += 1;
     }
-    Sides { starts, of }
+    Some(Sides { starts, of })
 }
 
 /// The corner that a side starts from.

@@ -14,7 +14,7 @@ const MOST_SCALED: f64 = 10.0;
 /// # Errors
 /// [`AttackError::Mesh`] when coordinates are so large that they leave the range of numbers.
 pub fn similarity(target: &Target<'_>, seed: u64) -> Result<Mesh, AttackError> {
-    let (mesh, surface) = (target.mesh(), target.welded());
+    let (mesh, surface) = (target.mesh(), target.welded()?);
     let mut random = Random::new(seed);
     let rotation = random.rotation();
     let scale = libm::pow(MOST_SCALED, random.symmetric());

@@ -44,7 +44,7 @@ pub fn taubin(
 /// Moves every point by each of `steps` times the way to the mean of its neighbours.
 fn umbrella(target: &Target<'_>, steps: impl Iterator<Item = f64>) -> Result<Mesh, AttackError> {
     let mut now = target.surface()?.positions.clone();
-    let rings = target.rings();
+    let rings = target.rings()?;
     let mut next = now.clone();
     for step in steps {
         target.go_on()?;

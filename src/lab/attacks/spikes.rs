@@ -12,7 +12,7 @@ use crate::mesh::Mesh;
 /// # Errors
 /// None in truth: the mesh stays one.
 pub fn stray_vertices(target: &Target<'_>, count: usize, seed: u64) -> Result<Mesh, AttackError> {
-    let (mesh, surface) = (target.mesh(), target.welded());
+    let (mesh, surface) = (target.mesh(), target.welded()?);
     let (centre, reach) = (surface.centre(), 1.5 * surface.diagonal());
     let mut random = Random::new(seed);
     let mut positions = mesh.positions().to_vec();

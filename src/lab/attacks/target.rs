@@ -3,11 +3,12 @@
 
 use std::cell::OnceCell;
 
-use super::AttackError;
+use super::AttackError::{self, Stopped};
 use super::edges::Edges;
 use super::smooth::Rings;
 use crate::mesh::Mesh;
 use crate::mesh::adjacency::Adjacency;
+use crate::mesh::stop::{Stop, go_on, never};
 use crate::mesh::surface::Surface;
 
 /// A mesh to be attacked.
@@ -20,7 +21,7 @@ pub struct Target<'a> {
     edges: OnceCell<Edges>,
     around: OnceCell<Adjacency>,
     rings: OnceCell<Rings>,
-    stop: Option<&'a (dyn Fn() -> bool + Sync)>,
+    stop: Stop<'a>,
 }
 
 impl<'a> Target<'a> {
@@ -33,14 +34,14 @@ impl<'a> Target<'a> {
             edges: OnceCell::new(),
             around: OnceCell::new(),
             rings: OnceCell::new(),
-            stop: None,
+            stop: &never,
         }
     }
 
     /// Of a mesh, as long as `stop` answers `false`.
     #[must_use]
-    pub fn until(mesh: &'a Mesh, stop: &'a (dyn Fn() -> bool + Sync)) -> Self {
-        Self { stop: Some(stop), ..Self::new(mesh) }
+    pub fn until(mesh: &'a Mesh, stop: Stop<'a>) -> Self {
+        Self { stop, ..Self::new(mesh) }
     }
 
     /// Of what an attack left, under the same `stop`.
@@ -56,7 +57,7 @@ impl<'a> Target<'a> {
     /// # Errors
     /// [`AttackError::Stopped`].
     pub(super) fn go_on(&self) -> Result<(), AttackError> {
-        if self.stop.is_some_and(|stop| stop()) { Err(AttackError::Stopped) } else { Ok(()) }
+        go_on(self.stop).ok_or(Stopped)
     }
 
     /// The mesh.
@@ -66,8 +67,11 @@ impl<'a> Target<'a> {
     }
 
     /// The welded surface, also where no triangle has an area.
-    pub(super) fn welded(&self) -> &Surface {
-        self.surface.get_or_init(|| Surface::new(self.mesh))
+    ///
+    /// # Errors
+    /// [`AttackError::Stopped`].
+    pub(super) fn welded(&self) -> Result<&Surface, AttackError> {
+        once(&self.surface, || Surface::new_until(self.mesh, self.stop).ok_or(Stopped))
     }
 
     /// The welded surface.
@@ -75,24 +79,48 @@ impl<'a> Target<'a> {
     /// # Errors
     /// [`AttackError::NoSurface`] when no triangle has an area.
     pub fn surface(&self) -> Result<&Surface, AttackError> {
-        let surface = self.welded();
+        let surface = self.welded()?;
         self.go_on()?;
         if surface.triangles.is_empty() { Err(AttackError::NoSurface) } else { Ok(surface) }
     }
 
     /// The edges of the surface.
-    pub(super) fn edges(&self) -> &Edges {
-        self.edges.get_or_init(|| Edges::new(&self.welded().triangles))
+    ///
+    /// # Errors
+    /// [`AttackError::Stopped`].
+    pub(super) fn edges(&self) -> Result<&Edges, AttackError> {
+        once(&self.edges, || Edges::new_until(&self.surface()?.triangles, self.stop).ok_or(Stopped))
     }
 
     /// The triangles around each vertex of the surface.
-    pub(super) fn around(&self) -> &Adjacency {
-        let of = |surface: &Surface| Adjacency::new(surface.positions.len(), &surface.triangles);
-        self.around.get_or_init(|| of(self.welded()))
+    ///
+    /// # Errors
+    /// [`AttackError::Stopped`].
+    pub(super) fn around(&self) -> Result<&Adjacency, AttackError> {
+        once(&self.around, || {
+            let surface = self.surface()?;
+            let (vertices, triangles) = (surface.positions.len(), &surface.triangles);
+            Adjacency::new_until(vertices, triangles, self.stop).ok_or(Stopped)
+        })
     }
 
     /// Whom each vertex of the surface is averaged with.
-    pub(super) fn rings(&self) -> &Rings {
-        self.rings.get_or_init(|| Rings::new(self.welded(), self.edges(), self.around()))
+    ///
+    /// # Errors
+    /// [`AttackError::Stopped`].
+    pub(super) fn rings(&self) -> Result<&Rings, AttackError> {
+        once(&self.rings, || Ok(Rings::new(self.surface()?, self.edges()?, self.around()?)))
     }
+}
+
+/// What a cell holds, made at first need; nothing is kept of what fails.
+fn once<T>(
+    cell: &OnceCell<T>,
+    make: impl FnOnce() -> Result<T, AttackError>,
+) -> Result<&T, AttackError> {
+    if let Some(made) = cell.get() {
+        return Ok(made);
+    }
+    let made = make()?;
+    Ok(cell.get_or_init(|| made))
 }

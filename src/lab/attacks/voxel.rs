@@ -35,7 +35,7 @@ pub fn voxel(target: &Target<'_>, share: f64, seed: u64) -> Result<Mesh, AttackE
     let grid = Grid::new(low - cell * shift, cell);
     let cells = touched(&grid, surface);
     target.go_on()?;
-    let distance = SignedDistance::new(surface, target.edges()).ok_or(AttackError::NoSurface)?;
+    let distance = SignedDistance::new(surface, target.edges()?).ok_or(AttackError::NoSurface)?;
     extract(&grid, &cells, 1.0 + ROUNDING, |place| distance.at(place))
 }
 

@@ -226,7 +226,7 @@ impl Service {
             Vec::new()
         };
         let listed = if climb.is_open() && depth != Depth::Fast && !marks.is_empty() {
-            self.shortlist(&suspect, named, depth)
+            self.shortlist(&suspect, named, depth, stop)?
         } else {
             Vec::new()
         };
@@ -277,7 +277,7 @@ impl Service {
             .run(slot, beyond, move |allowed| -> Result<Climb, ServiceError> {
                 let stop = allowed.stop();
                 let housed: Result<Vec<Option<Housed>>, ServiceError> =
-                    hosts.into_iter().map(|listed| service.housed(listed)).collect();
+                    hosts.into_iter().map(|listed| service.housed(listed, stop)).collect();
                 let hosts: Vec<Housed> = housed?.into_iter().flatten().collect();
                 let (mesh, suspect, all, marks) = (&mesh, &suspect, &all, &marks);
                 let (keys, homes, hosts) = (&service.keys, &service.homes, hosts.as_slice());

@@ -9,10 +9,11 @@ use uuid::Uuid;
 use super::super::hosts::HostKey;
 use super::super::memory::{self, Purpose};
 use super::super::{Service, ServiceError};
-use super::Depth;
 use super::at_home::Housed;
 use super::named::Named;
+use super::{Depth, go_on};
 use crate::blobs::geometry;
+use crate::jobs::Stop;
 use crate::recognition::Home;
 use crate::registration::{Probe, Shape};
 use crate::registry::Record;
@@ -73,13 +74,14 @@ impl Service {
         suspect: &Suspect,
         named: Option<&Named>,
         depth: Depth,
-    ) -> Vec<Place> {
-        let listed = self.hosts_to_look_at(suspect, named, depth);
+        stop: &Stop,
+    ) -> Result<Vec<Place>, ServiceError> {
+        let listed = self.hosts_to_look_at(suspect, named, depth, stop);
+        go_on(stop)?;
         let families: Vec<HostKey> = listed.iter().map(|&key| self.hosts.eldest(key)).collect();
         let listed = listed.into_iter().zip(shares(&families));
-        listed
-            .map(|(key, share)| Place { key, share, records: self.hosts.records_of(key) })
-            .collect()
+        let place = |(key, share)| Place { key, share, records: self.hosts.records_of(key) };
+        Ok(listed.map(place).collect())
     }
 
     fn hosts_to_look_at(
@@ -87,6 +89,7 @@ impl Service {
         suspect: &Suspect,
         named: Option<&Named>,
         depth: Depth,
+        stop: &Stop,
     ) -> Vec<HostKey> {
         let most = most(depth);
         let mut named_hosts: Vec<HostKey> = Vec::new();
@@ -100,11 +103,13 @@ impl Service {
         if all_there && named_hosts.len() <= 1 || self.hosts.len() == 0 {
             return named_hosts;
         }
-        let Some(shape) = Shape::new(suspect.surface().clone()) else {
+        let asked = || stop.now();
+        let shape = Shape::new_until(suspect.surface().clone(), &asked);
+        let Some(probe) = shape.and_then(|shape| Probe::new_until(&shape, &asked)) else {
             named_hosts.truncate(most);
             return named_hosts;
         };
-        let mut listed = self.hosts.shortlist(&Probe::new(&shape), most);
+        let mut listed = self.hosts.shortlist(&probe, most);
         if let Some(named) = named {
             let theirs =
                 |key: &HostKey| self.hosts.records_of(*key).iter().any(|id| named.contains(*id));
@@ -168,14 +173,22 @@ impl Service {
     }
 
     /// On the pool: unpacks what is not in memory, and keeps it there.
-    pub(super) fn housed(&self, listed: Listed) -> Result<Option<Housed>, ServiceError> {
+    pub(super) fn housed(
+        &self,
+        listed: Listed,
+        stop: &Stop,
+    ) -> Result<Option<Housed>, ServiceError> {
         let Listed { key, share, home, geometry, ids, records } = listed;
         let home = match (home, geometry) {
             (Some(home), _) => home,
             (None, Some(bytes)) => {
                 let limits = &self.config.limits;
-                let mesh = geometry::unpack(&bytes, limits.max_vertices, limits.max_triangles)?;
-                let home = Arc::new(Home::new(mesh));
+                let (vertices, triangles) = (limits.max_vertices, limits.max_triangles);
+                let asked = || stop.now();
+                let mesh = geometry::unpack_until(&bytes, vertices, triangles, &asked);
+                go_on(stop)?;
+                let home = Home::new_until(mesh?, &asked);
+                let home = Arc::new(home.ok_or_else(|| stop.reason())?);
                 self.homes.keep(key, &home);
                 home
             }

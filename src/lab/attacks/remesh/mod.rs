@@ -48,9 +48,9 @@ const CORRECTION: f64 = 0.35;
 /// [`AttackError::NoSurface`], or [`AttackError::Mesh`] when nothing is left.
 pub fn remesh(target: &Target<'_>, how: &Remeshing) -> Result<Mesh, AttackError> {
     let surface = target.surface()?;
-    let old = Ground::new(surface, target.around());
+    let old = Ground::new(surface, target.around()?);
     let goal_count = (how.share * surface.positions.len() as f64).max(4.0);
-    let mut now = Dynamic::new(surface, target.edges(), how.crease_degrees);
+    let mut now = Dynamic::new(surface, target.edges()?, how.crease_degrees);
     // Two triangles of area sqrt(3)/4 l^2 per vertex.
     let mut length = (2.0 * now.area() / (3_f64.sqrt() * goal_count)).sqrt();
     for _ in 0..how.rounds {

@@ -23,7 +23,7 @@ use crate::mesh::surface::Surface;
 /// # Errors
 /// As [`midpoint`](super::midpoint).
 pub fn butterfly(target: &Target<'_>) -> Result<Mesh, AttackError> {
-    let (surface, edges, around) = (target.surface()?, target.edges(), target.around());
+    let (surface, edges, around) = (target.surface()?, target.edges()?, target.around()?);
     let border = border_neighbours(surface, edges);
     let scheme = Scheme { surface, edges, around, border: &border };
     let new = (0..edges.ends.len())

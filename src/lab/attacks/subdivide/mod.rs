@@ -23,7 +23,7 @@ pub use sqrt3::sqrt3;
 /// # Errors
 /// [`AttackError::NoSurface`], or [`AttackError::Mesh`] when the result is too large.
 pub fn midpoint(target: &Target<'_>) -> Result<Mesh, AttackError> {
-    let (surface, edges) = (target.surface()?, target.edges());
+    let (surface, edges) = (target.surface()?, target.edges()?);
     let old = surface.positions.clone();
     let new = edges.ends.iter().map(|ends| middle(surface, *ends)).collect();
     in_four(surface, edges, old, new)
@@ -36,7 +36,7 @@ pub fn midpoint(target: &Target<'_>) -> Result<Mesh, AttackError> {
 /// # Errors
 /// As [`midpoint`].
 pub fn loop_scheme(target: &Target<'_>) -> Result<Mesh, AttackError> {
-    let (surface, edges) = (target.surface()?, target.edges());
+    let (surface, edges) = (target.surface()?, target.edges()?);
     let at = |v: u32| surface.positions[v as usize];
     let new_vertex = |edge: usize| {
         let ends = edges.ends[edge];

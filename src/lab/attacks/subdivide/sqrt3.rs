@@ -15,7 +15,7 @@ use crate::mesh::Mesh;
 /// # Errors
 /// As [`midpoint`](super::midpoint).
 pub fn sqrt3(target: &Target<'_>) -> Result<Mesh, AttackError> {
-    let (surface, edges) = (target.surface()?, target.edges());
+    let (surface, edges) = (target.surface()?, target.edges()?);
     let smoothed = |(&v, [inner, border]): (&DVec3, &[Ring; 2])| {
         if border.count > 0 {
             return v;
