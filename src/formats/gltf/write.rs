@@ -118,7 +118,7 @@ fn patch(
             moved = true;
         }
     }
-    Ok(if moved { Changes::between(&moves) } else { Changes::default() })
+    if moved { Changes::between(&moves, stop) } else { Ok(Changes::default()) }
 }
 
 /// Local coordinates before and after.
@@ -149,7 +149,7 @@ fn target(
 }
 
 impl Changes {
-    fn between(moves: &[Move]) -> Self {
+    fn between(moves: &[Move], stop: Stop<'_>) -> Result<Self, FormatError> {
         let mut changes = Self::default();
         let bounds = |axis: usize, of: fn(&Move) -> &[f32; 3]| {
             moves
@@ -160,14 +160,17 @@ impl Changes {
                 })
         };
         for (axis, (min, max)) in changes.min.iter_mut().zip(&mut changes.max).enumerate() {
-            let (old, new) = (bounds(axis, |step| &step.old), bounds(axis, |step| &step.new));
+            let old = bounds(axis, |step| &step.old);
+            go_on(stop)?;
+            let new = bounds(axis, |step| &step.new);
+            go_on(stop)?;
             #[expect(clippy::float_cmp, reason = "an extreme is one of the values themselves")]
             {
                 *min = (old.0 != new.0).then_some(new.0);
                 *max = (old.1 != new.1).then_some(new.1);
             }
         }
-        changes
+        Ok(changes)
     }
 }
 

@@ -8,6 +8,7 @@ use super::cursor::Cursor;
 use super::number::coordinate;
 use super::precision::Precision;
 use crate::mesh::Mesh;
+use crate::mesh::stop::STEP;
 
 /// Vertices that one task writes.
 const BLOCK: usize = 1 << 14;
@@ -34,15 +35,17 @@ pub(in crate::formats) struct Stepped<'a> {
 }
 
 impl Layout {
-    /// `fewest_decimals` is what every coordinate of the host has.
+    /// `fewest_decimals` is what every coordinate of the host has. `None` once `stop` answers `true`.
     pub(super) fn new(
         mesh: &Mesh,
         offsets: Vec<u32>,
         fewest_decimals: Option<usize>,
         host_bytes: usize,
-    ) -> Self {
+        stop: Stop<'_>,
+    ) -> Option<Self> {
         let fewest_decimals = fewest_decimals.unwrap_or(0);
-        Self { offsets, fewest_decimals, diagonal: diagonal(mesh), host_bytes }
+        let diagonal = diagonal(mesh, stop)?;
+        Some(Self { offsets, fewest_decimals, diagonal, host_bytes })
     }
 
     /// With steps of `step` where the host's decimals give coarser ones. 0 is as fine as may be of use.
@@ -191,19 +194,26 @@ fn read_back(reason: String) -> FormatError {
     FormatError::ReadBack { reason }
 }
 
-/// The diagonal of the bounding box of the surface; loose vertices far away do not coarsen it.
-fn diagonal(mesh: &Mesh) -> f64 {
+/// The diagonal of the bounding box of the surface; loose vertices far away do not coarsen it. `None`
+/// once `stop` answers `true`.
+fn diagonal(mesh: &Mesh, stop: Stop<'_>) -> Option<f64> {
     let positions = mesh.positions();
     let empty = || (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let grow = |(low, high): (DVec3, DVec3), (other_low, other_high): (DVec3, DVec3)| {
         (low.min(other_low), high.max(other_high))
     };
-    let (low, high) = mesh
-        .triangles()
-        .par_iter()
-        .flat_map_iter(|corners| corners.iter().copied())
-        .filter_map(|corner| positions.get(usize::try_from(corner).ok()?))
-        .fold(empty, |bounds, &position| grow(bounds, (position, position)))
-        .reduce(empty, grow);
-    (high - low).length()
+    let (mut low, mut high) = empty();
+    for step in mesh.triangles().chunks(STEP) {
+        if stop() {
+            return None;
+        }
+        let bounds = step
+            .par_iter()
+            .flat_map_iter(|corners| corners.iter().copied())
+            .filter_map(|corner| positions.get(usize::try_from(corner).ok()?))
+            .fold(empty, |bounds, &position| grow(bounds, (position, position)))
+            .reduce(empty, grow);
+        (low, high) = grow((low, high), bounds);
+    }
+    Some((high - low).length())
 }

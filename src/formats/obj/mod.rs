@@ -51,6 +51,6 @@ fn read_in_chunks(
 ) -> Result<(Mesh, Layout), FormatError> {
     let parsed = parse::parse(bytes, limits, chunk_bytes, stop)?;
     let mesh = Mesh::new(parsed.positions, parsed.triangles)?;
-    let layout = Layout::new(&mesh, parsed.offsets, parsed.fewest_decimals, bytes.len());
-    Ok((mesh, layout))
+    let layout = Layout::new(&mesh, parsed.offsets, parsed.fewest_decimals, bytes.len(), stop);
+    Ok((mesh, layout.ok_or(FormatError::Cancelled)?))
 }
