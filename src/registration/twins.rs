@@ -149,7 +149,9 @@ fn grown(
     let mut growth = Growth::new(host, suspect, sense, found, stop)?;
     for step in seeds.chunks(STEP) {
         go_on(stop)?;
-        step.iter().for_each(|&seed| growth.sow(seed));
+        for &seed in step {
+            growth.sow(seed);
+        }
     }
     growth.spread(stop)?;
     let mut pairs = growth.pairs();
