@@ -46,10 +46,7 @@ impl<'a> Target<'a> {
 
     /// Of what an attack left, under the same `stop`.
     pub(super) fn same_stop<'b>(&'b self, mesh: &'b Mesh) -> Target<'b> {
-        Target {
-            stop: self.stop.map(|stop| stop as &(dyn Fn() -> bool + Sync)),
-            ..Target::new(mesh)
-        }
+        Target::until(mesh, self.stop)
     }
 
     /// Asked in attacks that take long.
