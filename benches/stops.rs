@@ -5,6 +5,11 @@
 //! Everything runs on one thread and is measured in CPU time of the process, so that a busy machine does
 //! not matter, and what is parallel in the service counts here in full. `tests/stops.rs` holds that the
 //! questions are heeded.
+//!
+//! On a virtual core of 2026, compiled as the tests are (`--profile dev`), the largest gaps are 349 ms in
+//! looking at a host for a moved copy (its vertices paired by twins or by their order), 133 ms for another
+//! tessellation, 119 ms in making a filter and 104 ms in searching lattices; everything else asks within
+//! 95 ms.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a benchmark")]
 
