@@ -14,7 +14,7 @@
 use glam::DVec3;
 
 use super::rings::{MAX_VALENCE, NONE, Rings};
-use crate::mesh::stop::{Stop, counted, mapped, unstopped};
+use crate::mesh::stop::{Stop, counted, in_steps_of, mapped, unstopped};
 
 /// In which sense rings are read. A mirror image, or a file whose triangles were all turned over,
 /// has the codes of the other sense.
@@ -75,6 +75,10 @@ fn cyclic(seed: u64, sequence: &[u64]) -> Code {
     best
 }
 
+/// Vertices between two questions whether to stop: where all neighbours look the same, as on a grid, a
+/// code takes a microsecond and more.
+const LONG: usize = 1 << 14;
+
 /// Reads the ring of each vertex, with `value` per dart; 0 for a dart leaves the vertex without
 /// a code.
 fn read_rings(
@@ -83,7 +87,7 @@ fn read_rings(
     stop: Stop<'_>,
     value: impl Fn(u32, usize) -> u64 + Sync,
 ) -> Option<Vec<Code>> {
-    counted(rings.vertices(), stop, |vertex| {
+    in_steps_of(LONG, rings.vertices(), stop, |vertex| {
         let vertex = u32::try_from(vertex).unwrap_or(NONE);
         let darts = rings.darts(vertex);
         let mut values = [0; MAX_VALENCE];

@@ -4,6 +4,7 @@
 use super::codes::mix;
 use super::similarity::{Pair, Similarity, fit};
 use crate::mesh::powers::{cubed, squared};
+use crate::mesh::stop::{Stop, go_on};
 
 /// Triples tried at most. With one right pair in six, 2,000 triples hold one of three right pairs
 /// with a probability of 0.9999.
@@ -44,11 +45,12 @@ pub struct Consensus {
     pub inliers: usize,
 }
 
-/// The similarity that most pairs agree on, refined over all that do; `None` where too few do.
+/// The similarity that most pairs agree on, refined over all that do; `None` where too few do, and
+/// once `stop` answers `true`.
 ///
 /// Points in units of the shapes' diagonals. Deterministic: triples come from a fixed sequence.
 #[must_use]
-pub fn consensus(pairs: &[Pair], mirrored: bool) -> Option<Consensus> {
+pub fn consensus(pairs: &[Pair], mirrored: bool, stop: Stop<'_>) -> Option<Consensus> {
     if pairs.len() < LEAST_INLIERS {
         return None;
     }
@@ -61,6 +63,7 @@ pub fn consensus(pairs: &[Pair], mirrored: bool) -> Option<Consensus> {
     let mut needed = TRIPLES;
     let mut tried = 0;
     while tried < needed.min(TRIPLES) {
+        go_on(stop)?;
         let triple = pick(pairs, tried)?;
         tried += 1;
         let Some(similarity) = fit(&triple, mirrored).filter(plausible) else { continue };
@@ -73,10 +76,11 @@ pub fn consensus(pairs: &[Pair], mirrored: bool) -> Option<Consensus> {
     let (_, mut similarity) = best?;
     // A triple's similarity is rough; those that agree with it know better, and are then more.
     for _ in 0..4 {
+        go_on(stop)?;
         let agreeing: Vec<Pair> = inliers(pairs, &similarity).copied().collect();
         similarity = fit(&agreeing, mirrored).filter(plausible)?;
     }
-    let found = refine(pairs, similarity)?;
+    let found = refine(pairs, similarity, stop)?;
     (found.inliers >= LEAST_INLIERS).then_some(found)
 }
 
@@ -110,15 +114,16 @@ fn pick(pairs: &[Pair], number: u32) -> Option<[Pair; 3]> {
 }
 
 /// Least squares over all pairs, each weighted by how far it is from where the others put it
-/// (Tukey's biweight, scaled by the median).
+/// (Tukey's biweight, scaled by the median). `None` once `stop` answers `true`.
 #[must_use]
-pub fn refine(pairs: &[Pair], start: Similarity) -> Option<Consensus> {
+pub fn refine(pairs: &[Pair], start: Similarity, stop: Stop<'_>) -> Option<Consensus> {
     let mirrored = start.scale < 0.0;
     let mut similarity = start;
     let mut weighted = pairs.to_vec();
     let mut distances = Vec::with_capacity(pairs.len());
     let mut found = None;
     for _ in 0..ROUNDS {
+        go_on(stop)?;
         distances.clear();
         distances
             .extend(inliers(pairs, &similarity).map(|p| similarity.apply(p.from).distance(p.to)));
@@ -165,11 +170,11 @@ mod tests {
         for scale in [0.4, -1.1] {
             let truth = Similarity { translation: DVec3::new(0.1, 0.2, -0.3), ..awkward(scale) };
             let pairs = pairs(500, 7, &truth, 0.0);
-            let found = consensus(&pairs, scale < 0.0).unwrap();
+            let found = consensus(&pairs, scale < 0.0, &|| false).unwrap();
             assert!(found.inliers >= 150 && found.median < 1e-12, "{found:?}");
             assert!((found.similarity.scale - scale).abs() < 1e-9);
             // Points near a plane agree with their mirror image, too.
-            let other = consensus(&pairs, scale > 0.0).map_or(0, |c| c.inliers);
+            let other = consensus(&pairs, scale > 0.0, &|| false).map_or(0, |c| c.inliers);
             assert!(other < 50, "{other}");
         }
     }
@@ -177,15 +182,15 @@ mod tests {
     #[test]
     fn noise_averages_out() {
         let truth = Similarity { translation: DVec3::ZERO, ..awkward(0.5) };
-        let found = consensus(&pairs(4000, 3, &truth, 0.02), false).unwrap();
+        let found = consensus(&pairs(4000, 3, &truth, 0.02), false, &|| false).unwrap();
         assert!(found.similarity.apply(DVec3::ZERO).length() < 5e-4, "{found:?}");
     }
 
     #[test]
     fn what_has_nothing_in_common_has_no_similarity() {
-        assert_eq!(consensus(&pairs(3000, 10, &Similarity::IDENTITY, 0.0), false), None);
+        assert_eq!(consensus(&pairs(3000, 10, &Similarity::IDENTITY, 0.0), false, &|| false), None);
         let heap = vec![Pair { from: DVec3::ZERO, to: DVec3::ZERO, weight: 1.0 }; 5000];
-        assert_eq!(consensus(&heap, false), None);
-        assert_eq!(consensus(&[], false), None);
+        assert_eq!(consensus(&heap, false, &|| false), None);
+        assert_eq!(consensus(&[], false, &|| false), None);
     }
 }

@@ -11,6 +11,7 @@ use glam::DVec3;
 use super::newton::Equations;
 use super::similarity::Similarity;
 use crate::mesh::powers::squared;
+use crate::mesh::stop::Stop;
 use crate::mesh::sum::ordered_sum;
 
 /// A pair of vertices, in the host's coordinates but for `from`.
@@ -58,11 +59,15 @@ fn median(values: &mut [f64]) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The similarity that makes the pairs likeliest, beginning at one that is nearly right.
+/// The similarity that makes the pairs likeliest, beginning at one that is nearly right. Worth nothing
+/// once `stop` answers `true`.
 #[must_use]
-pub fn polish(contacts: &[Contact], start: Similarity) -> Similarity {
+pub fn polish(contacts: &[Contact], start: Similarity, stop: Stop<'_>) -> Similarity {
     let mut now = start;
     for _ in 0..ROUNDS {
+        if stop() {
+            break;
+        }
         let Some([off, along]) = spread(contacts, &now) else { return now };
         let [off, along] = [off, along].map(|s| 1.0 / squared(s));
         let equations = ordered_sum(
@@ -122,15 +127,15 @@ mod tests {
             rotation: DQuat::from_rotation_x(1e-3),
             translation: DVec3::splat(1e-3),
         };
-        let home = polish(&contacts, start);
+        let home = polish(&contacts, start, &|| false);
         let error = home.apply(DVec3::ZERO).length();
         assert!(error < 2e-5, "{error:e}");
     }
 
     #[test]
     fn exact_pairs_and_no_pairs_are_left_as_they_are() {
-        let home = polish(&slid(0.0), Similarity::IDENTITY);
+        let home = polish(&slid(0.0), Similarity::IDENTITY, &|| false);
         assert!(home.apply(DVec3::ONE).distance(DVec3::ONE) < 1e-12);
-        assert_eq!(polish(&[], Similarity::IDENTITY), Similarity::IDENTITY);
+        assert_eq!(polish(&[], Similarity::IDENTITY, &|| false), Similarity::IDENTITY);
     }
 }

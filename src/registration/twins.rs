@@ -94,7 +94,7 @@ pub fn twins(
         let seeds = shared(found, landmarks.of(kind));
         let some = thinned(&seeds, SEEDS);
         let points: Vec<Pair> = some.map(|s| point_pair(host, suspect, s.pair)).collect();
-        let either = [false, true].map(|mirrored| consensus(&points, mirrored));
+        let either = [false, true].map(|mirrored| consensus(&points, mirrored, stop));
         // A part that is nearly flat agrees with its mirror image nearly as well.
         let Some(found) = either.into_iter().flatten().max_by_key(|c| c.inliers) else { continue };
         let certain = found.inliers * 2 > points.len();
@@ -158,8 +158,8 @@ fn grown(
     let some: Vec<[u32; 2]> = thinned(&pairs, POLISHED).copied().collect();
     let points: Vec<Pair> = some.iter().map(|&p| point_pair(host, suspect, p)).collect();
     go_on(stop)?;
-    let better = refine(&points, found.similarity).unwrap_or(*found);
-    let similarity = polish(&contacts(host, suspect, &some), better.similarity);
+    let better = refine(&points, found.similarity, stop).unwrap_or(*found);
+    let similarity = polish(&contacts(host, suspect, &some), better.similarity, stop);
     go_on(stop)?;
     // What grew under the first similarity may look wrong under the better one.
     let limit = near(better.median);

@@ -15,8 +15,8 @@ use crate::watermark::{BitCount, Codeword, EmbedParams, Method, Modulation, Soft
 const SEED: u64 = 20_090_626;
 
 /// Triangles up to which simplification is rehearsed. It is one call of a library that cannot be
-/// stopped; of so many it takes 50 ms (`benches/stops.rs`).
-const MOST_SIMPLIFIED: usize = 160_000;
+/// stopped; of so many it takes, with what is around it, 70 ms (`benches/stops.rs`).
+const MOST_SIMPLIFIED: usize = 80_000;
 
 /// Whether an attack is rehearsed on so many triangles. Remeshing takes ten times as long as all others together; what
 /// changes no norm is as good as none; and of further marks a rehearsal foretold no more than counts

@@ -93,7 +93,7 @@ pub fn search(
         .map_init(
             || close.cells(),
             |cells, start| {
-                if stop() { (0.0, start) } else { close.climb(start, cells) }
+                if stop() { (0.0, start) } else { close.climb(start, cells, stop) }
             },
         )
         .collect();
@@ -207,11 +207,19 @@ impl View {
             .sum()
     }
 
-    /// Uphill from `start`, in ever smaller steps.
-    fn climb(&self, start: Vec3, cells: &mut [f32]) -> (f32, Vec3) {
+    /// Uphill from `start`, in ever smaller steps, until `stop` answers `true`.
+    fn climb(
+        &self,
+        start: Vec3,
+        cells: &mut [f32],
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> (f32, Vec3) {
         let mut best = (self.roughness(start, cells), start);
         for step in CLOSER_STEPS.map(single) {
             for _ in 0..MOST_MOVES {
+                if stop() {
+                    break;
+                }
                 let here = best.1;
                 for axis in Vec3::AXES {
                     for to in [here + step * axis, here - step * axis] {
