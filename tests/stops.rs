@@ -34,7 +34,7 @@ use rustix::time::{ClockId, clock_gettime};
 const VERTICES: u32 = 100_000;
 
 /// Preparations of the surface within which a stage that is told to stop ends. With 100,000 vertices one
-/// takes 15 to 40 ms; all end within 0.7 of them.
+/// takes 15 to 40 ms; all end within 1.3 of them.
 const MOST_LATE: f64 = 2.0;
 
 /// Preparations that a stage may go on for between two questions, wherever it is. The largest gaps are 2

@@ -135,7 +135,9 @@ pub fn chosen<T: Sync, R: Send>(
             chosen
         };
         let tasks: Vec<Vec<R>> = step.par_chunks(CHOSEN).enumerate().map(task).collect();
-        tasks.into_iter().for_each(|mut chosen| all.append(&mut chosen));
+        for mut chosen in tasks {
+            all.append(&mut chosen);
+        }
     }
     Some(all)
 }
