@@ -1,18 +1,23 @@
 //! One attack on one file, as a file: for comparing with other programs (`benches/metro/attacks.py`).
 //!
 //! ```text
-//! cargo bench --bench attack -- IN OUT.obj FAMILY [AMOUNT [MORE]]
+//! cargo bench --bench attack -- IN OUT.obj NAME [SEED]
+//! cargo bench --bench attack -- IN OUT.obj FAMILY AMOUNT [MORE]
 //! ```
+//!
+//! A name is one of `lab::attacks::named`, such as `voxel-0.5` or `crop-30+noise-0.5`; a wrong one lists
+//! them all. Families are called as that script calls them:
 //!
 //! `noise 0.003`, `smoothing 0.5 10`, `quantisation 8`, `simplification 0.9`, `remeshing 0.6`,
 //! `midpoint`, `butterfly`, `loop`, `sqrt3`, `cropping 0.3`.
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a benchmark may stop")]
 
 use std::fmt::Write as _;
+use std::time::Instant;
 
 use quadmark::formats::{Asset, Limits};
 use quadmark::lab::attacks::crop::Of;
-use quadmark::lab::attacks::{Attack, Context, Target};
+use quadmark::lab::attacks::{Attack, Context, Named, Target};
 use quadmark::mesh::Mesh;
 use quadmark::watermark::EmbedParams;
 
@@ -51,14 +56,28 @@ fn exact_obj(mesh: &Mesh) -> String {
 
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
-    let [input, output, family, amounts @ ..] = words.as_slice() else {
-        eprintln!("IN OUT.obj FAMILY [AMOUNT [MORE]]");
+    let [input, output, name, rest @ ..] = words.as_slice() else {
+        eprintln!("IN OUT.obj NAME [SEED]\n{}", Named::help());
         return;
     };
-    let amounts: Vec<f64> = amounts.iter().map(|word| word.parse().unwrap()).collect();
+    let numbers: Vec<f64> = rest.iter().map(|word| word.parse().unwrap()).collect();
     let asset = Asset::read(&std::fs::read(input).unwrap(), &Limits::default()).unwrap();
     let context = Context { host: asset.mesh(), params: &EmbedParams::default() };
     let target = Target::new(asset.mesh());
-    let attacked = named(family, &amounts).apply(&target, &context, 1).unwrap();
+    let start = Instant::now();
+    let attacked = match name.parse::<Named>() {
+        Ok(attacks) => {
+            let seed = rest.first().map_or(1, |seed| seed.parse().unwrap());
+            attacks.apply(&target, &context, seed).unwrap()
+        }
+        Err(names) if numbers.is_empty() => panic!("{names}"),
+        Err(_) => named(name, &numbers).apply(&target, &context, 1).unwrap(),
+    };
+    eprintln!(
+        "{} vertices, {} triangles, {:.2} s",
+        attacked.positions().len(),
+        attacked.triangles().len(),
+        start.elapsed().as_secs_f64()
+    );
     std::fs::write(output, exact_obj(&attacked)).unwrap();
 }

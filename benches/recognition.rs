@@ -1,23 +1,37 @@
 //! The acceptance table of detection: marks registered with a service, attacked, and looked for.
 //!
 //! ```text
-//! cargo bench --bench recognition -- [--keys 2] [--others 100000] [--depth standard] [--jobs 1]
-//!     [--wrong] [--strangers DIR] [--attacks none,crop-50,...] [--strength 0.1] [--seed 1] [--data DIR]
-//!     FILE...
+//! cargo bench --bench recognition -- [--record] [--keys 2] [--others 100000] [--depth standard]
+//!     [--jobs 1] [--attacks none,crop-50+in-place,...] [--strength 0.15] [--seed 1] [--minutes 0]
+//!     [--wrong] [--strangers DIR] [--data DIR] FILE...
 //! ```
 //!
-//! Per key all files are first marked (the default method, hosts kept) in a registry that holds so
-//! many other records. Per attack (`support/cases.rs`): how many of the
-//! attacked copies are a `match` (bound below 1e-9) with the right record; the mean of `log10_fp` where
-//! that record was named at all; the time of a verification, as a multiple of tobj's load of the
-//! same surface as OBJ (of the first key, and where one verification runs at a time); which share of the bits the paper's blind detector reads right; the stages
-//! that decided. With `--wrong` the suspects are the hosts themselves, which carry nothing, under the same
-//! attacks, and generated meshes: right is no match. With `--strangers` they are all files below a
-//! folder that can be read, each as it is and marked by somebody else. A record that is named wrongly
-//! is reported at once.
+//! Every file is marked for so many recipients (the default method, hosts kept) in one registry that
+//! holds so many other records: hosts are prepared once, and each suspect is judged under all keys,
+//! every record named beside its own being a wrong one. A trial is one recipient's copy under one
+//! attack; a round is one trial on each mesh. Suspects are moved by a random similarity in the end
+//! unless the attack's name ends in `+in-place`. `--attacks help` lists the names (`lab::attacks::named`);
+//! to them come `averaged-N` (N recipients' copies, each of whom must be named; made of large meshes
+//! only as far as copies are there), `laundered` (a crop of 30 %, noise of 0.5 %, and registered anew by
+//! somebody else: the answer or a verification of the new copy must name the first record) and
+//! `pipelines` (a hundred of three attacks each, one mesh each).
 //!
-//! Attacks follow from the seed and the names. The table is printed after each key. Marks are drawn
-//! anew, unless `--data` names a directory of an earlier run. Attacked copies are verified as binary glTF, what was not attacked as it
+//! **Trials stop early.** Where a share is asked for, outcomes of all meshes go into Wald's sequential
+//! test of that share (at most 0.99) against 0.15 less, with errors of 5 % (`lab::sequential`): an attack
+//! asked for always is met after 18 trials without a failure and missed after two failures in the first
+//! ones. No attack has more rounds than keys, others as many as `--report` (2). Rounds go over all
+//! attacks in turn, so that `--minutes` ends the run with all rows alike far.
+//!
+//! The table is Markdown: right / wrong / none per mesh, the sum, the decision, the mean log10 of the
+//! bound where the record was told, how many bits the blind reader of the paper has right, and what
+//! decided. `--wrong` adds files that carry nothing, the hosts and generated meshes, under all attacks:
+//! each is judged under all keys at once, and right is no match. `--strangers` adds all files below a
+//! folder that can be read: as they are, marked by somebody else, and those under an attack in turn.
+//! A record that is named wrongly is reported at once.
+//!
+//! `--record` is the whole acceptance list with ten keys, two jobs and the wrong files, within 85
+//! minutes. Attacks follow from the seed and the names. Marks are drawn anew, unless `--data` names a
+//! directory of an earlier run. Attacked copies are verified as binary glTF, what was not attacked as it
 //! was handed out. Without files: a generated mesh.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
@@ -32,29 +46,33 @@ mod seeded;
 #[path = "support/service.rs"]
 mod service;
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use acceptance::{Outcome, Row, print_head};
-use cases::{CASES, Case, attacked};
+use cases::{Case, PIPELINES};
 use quadmark::formats::{Asset, Limits};
-use quadmark::lab::attacks::Context;
+use quadmark::lab::attacks::{Attack, Context, collude};
 use quadmark::lab::measures::detect;
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_glb, to_obj};
-use quadmark::service::{Depth, Verdict};
+use quadmark::service::{Depth, Match, Verdict, Verification};
 use quadmark::watermark::{BitCount, EmbedParams, Method, Strength};
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
-use seeded::tobj_seconds;
 use service::{Bench, Kind, Mark};
 use tokio::runtime::Runtime;
 
+/// A record is named by a match below this.
+const MATCH: f64 = -9.0;
+/// Copies beyond the keys are made only where all of them together have fewer vertices.
+const MOST_VERTICES: usize = 2_000_000;
+
 struct Options {
-    keys: u64,
+    keys: usize,
+    report: usize,
     others: u64,
     depth: Depth,
     jobs: usize,
@@ -63,21 +81,34 @@ struct Options {
     cases: Vec<Case>,
     strength: Strength,
     seed: u64,
+    minutes: f64,
     data: Option<PathBuf>,
     files: Vec<PathBuf>,
+}
+
+fn named(names: &str) -> Vec<Case> {
+    let of = |name: &str| {
+        Case::named(name).unwrap_or_else(|error| {
+            println!("{error}also: averaged-N, laundered, pipelines; +in-place at the end");
+            std::process::exit(2)
+        })
+    };
+    names.split(',').map(of).collect()
 }
 
 fn options() -> Options {
     let mut options = Options {
         keys: 2,
+        report: 2,
         others: 100_000,
         depth: Depth::Standard,
         jobs: 1,
         wrong: false,
         strangers: None,
-        cases: CASES.to_vec(),
-        strength: Strength::new(0.1).unwrap(),
+        cases: Case::acceptance(),
+        strength: Strength::default(),
         seed: 1,
+        minutes: 0.0,
         data: None,
         files: Vec::new(),
     };
@@ -86,20 +117,23 @@ fn options() -> Options {
         let mut value = || words.next().unwrap();
         match word.as_str() {
             "--bench" => {}
+            "--record" => {
+                (options.keys, options.jobs, options.wrong) = (10, 2, true);
+                options.minutes = 85.0;
+            }
             "--keys" => options.keys = value().parse().unwrap(),
+            "--report" => options.report = value().parse().unwrap(),
             "--others" => options.others = value().parse().unwrap(),
             "--depth" => options.depth = value().parse().unwrap(),
             "--jobs" => options.jobs = value().parse().unwrap(),
             "--wrong" => options.wrong = true,
             "--strangers" => options.strangers = Some(value().into()),
-            "--attacks" => {
-                let named = |name: &str| *CASES.iter().find(|case| case.0 == name).unwrap();
-                options.cases = value().split(',').map(named).collect();
-            }
+            "--attacks" => options.cases = named(&value()),
             "--strength" => {
                 options.strength = Strength::new(value().parse().unwrap()).unwrap();
             }
             "--seed" => options.seed = value().parse().unwrap(),
+            "--minutes" => options.minutes = value().parse().unwrap(),
             "--data" => options.data = Some(value().into()),
             _ => options.files.push(word.into()),
         }
@@ -136,93 +170,311 @@ fn parsed(bytes: &[u8]) -> Mesh {
     Asset::read(bytes, &Limits::default()).unwrap().into_mesh()
 }
 
-/// A file to be verified, and what it is.
-struct Suspect<'a> {
-    of: &'a Host,
-    mark: &'a Mark,
-    bytes: &'a [u8],
-    /// Whether it carries the mark.
-    marked: bool,
-    trial: u64,
-}
-
-/// A registry with the marks of one key.
+/// A registry with marks of all hosts.
 struct Table<'a> {
     options: &'a Options,
+    hosts: &'a [Host],
+    /// Per host its marks, by number.
+    marks: Vec<Vec<Mark>>,
     bench: Bench,
     runtime: &'a Runtime,
+    start: Instant,
+}
+
+/// The records that a verification names.
+fn named_by(verification: &Verification) -> impl Iterator<Item = &Match> {
+    let found = verification.verdict == Verdict::Match;
+    verification.matches.iter().filter(move |m| found && m.log10_fp < MATCH)
+}
+
+/// Does so many things in a number of threads; the results in order.
+fn all<T: Send>(jobs: usize, count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.max(1) {
+            scope.spawn(|| {
+                loop {
+                    let at = next.fetch_add(1, Ordering::Relaxed);
+                    if at >= count {
+                        break;
+                    }
+                    let result = of(at);
+                    done.lock().unwrap().push((at, result));
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap();
+    done.sort_by_key(|(at, _)| *at);
+    done.into_iter().map(|(_, result)| result).collect()
 }
 
 impl Table<'_> {
-    /// One cell of the table; `None` when the attack leaves nothing.
-    fn outcome(&self, suspect: &Suspect<'_>, case: Case) -> Option<Outcome> {
-        let Mark { record, codeword, .. } = suspect.mark;
-        let params = EmbedParams { method: record.method, ..EmbedParams::default() };
-        let context = Context { host: &suspect.of.mesh, params: &params };
-        let place = (suspect.of.name.as_str(), suspect.trial);
-        let mesh =
-            attacked(&parsed(suspect.bytes), &context, case, place, self.options.seed).ok()?;
-        let as_obj = case.0 == "obj-glb";
-        let file = match case.1 {
-            [] => suspect.bytes.to_vec(),
-            _ if as_obj => to_obj(&mesh),
-            _ => to_glb(&mesh),
+    fn kind(&self) -> Kind {
+        Kind {
+            method: Method::default(),
+            strength: self.options.strength,
+            bits: BitCount::default(),
+        }
+    }
+
+    /// Marks hosts until each has so many copies, where that is not too much.
+    fn mark(&mut self, copies: usize) {
+        let wanted = |host: &Host| {
+            let few = copies * host.mesh.positions().len() <= MOST_VERTICES;
+            if few { copies } else { copies.min(self.options.keys) }
         };
-        let start = Instant::now();
-        let verify = self.bench.verify(&file, None, self.options.depth);
-        let verification = self.runtime.block_on(verify);
-        let seconds = start.elapsed().as_secs_f64();
-        let modulation = record.method.modulation();
-        // (Beside others a time says nothing.)
-        let timed = self.options.jobs == 1 && suspect.trial == 0;
-        Some(Outcome {
-            verification,
-            ratio: timed.then(|| seconds / tobj_seconds(&to_obj(&mesh), 3)),
-            paper: detect(&mesh, codeword, modulation, &record.frame).ok(),
-            expected: suspect.marked.then_some(record.id),
-        })
-    }
-
-    /// The outcomes of all suspects, so many at a time, in their order.
-    fn outcomes(&self, suspects: &[Suspect<'_>], case: Case) -> Vec<Option<Outcome>> {
-        let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
-        std::thread::scope(|scope| {
-            for _ in 0..self.options.jobs {
-                scope.spawn(|| {
-                    loop {
-                        let at = next.fetch_add(1, Ordering::Relaxed);
-                        let Some(suspect) = suspects.get(at) else { break };
-                        let outcome = self.outcome(suspect, case);
-                        outcomes.lock().unwrap().insert(at, outcome);
-                    }
-                });
-            }
+        let made = all(self.options.jobs, self.hosts.len(), |at| {
+            let host = &self.hosts[at];
+            let mark = |number: usize| {
+                let owner = format!("{} {number}", host.name);
+                self.runtime.block_on(self.bench.mark(&host.bytes, &owner, self.kind()))
+            };
+            (self.marks[at].len()..wanted(host)).map(mark).collect::<Vec<Mark>>()
         });
-        outcomes.into_inner().unwrap().into_values().collect()
+        for (marks, made) in self.marks.iter_mut().zip(made) {
+            marks.extend(made);
+        }
     }
 
-    /// Adds suspects under all attacks to rows.
-    fn fill(&self, suspects: &[Suspect<'_>], rows: &mut [Row]) {
-        for (&case, row) in self.options.cases.iter().zip(rows) {
-            for (suspect, outcome) in suspects.iter().zip(self.outcomes(suspects, case)) {
-                let Some(outcome) = outcome else {
-                    row.fail();
-                    continue;
-                };
-                let (name, trial) = (&suspect.of.name, suspect.trial);
-                if outcome.is_wrong() {
-                    println!(
-                        "!!! WRONG RECORD: {name} {trial}, {}: {:#?}",
-                        case.0, outcome.verification.matches
-                    );
-                } else if !outcome.is_right() {
-                    let best = outcome.verification.matches.first();
-                    let best = best.map_or(0.0, |best| best.log10_fp);
-                    println!("not found: {name} {trial}, {}, best log10_fp {best:.1}", case.0);
-                }
-                row.add(&outcome);
+    fn time_is_up(&self) -> bool {
+        let minutes = self.start.elapsed().as_secs_f64() / 60.0;
+        self.options.minutes > 0.0 && minutes > self.options.minutes
+    }
+
+    fn verify(&self, file: &[u8]) -> Verification {
+        self.runtime.block_on(self.bench.verify(file, None, self.options.depth))
+    }
+
+    fn file(case: &Case, original: &[u8], mesh: &Mesh) -> Vec<u8> {
+        if case.is_nothing() { original.to_vec() } else { to_glb(mesh) }
+    }
+
+    /// Judges a verification for each of the records that must be named.
+    fn judged(
+        &self,
+        what: &str,
+        verification: &Verification,
+        expected: &[&Mark],
+        mesh: Option<&Mesh>,
+    ) -> Vec<Outcome> {
+        let mut wrong = 0;
+        for found in named_by(verification) {
+            if expected.iter().all(|mark| mark.record.id != found.watermark_id) {
+                wrong += 1;
+                println!("!!! WRONG RECORD: {what}: {found:#?}");
             }
         }
+        let judge = |(number, mark): (usize, &&Mark)| {
+            let Mark { record, codeword, .. } = *mark;
+            let own = |found: &&Match| found.watermark_id == record.id;
+            let told = verification.matches.iter().find(own);
+            let named = named_by(verification).find(own);
+            if named.is_none() {
+                let best = told.map_or(0.0, |found| found.log10_fp);
+                println!("not found: {what} {number}, log10_fp {best:.1}");
+            }
+            let read = |mesh| {
+                let modulation = record.method.modulation();
+                let read = detect(mesh, codeword, modulation, &record.frame).ok()?;
+                Some(read.right as f64 / (read.right + read.wrong + read.erased) as f64)
+            };
+            let how = named.and_then(|found| found.how.as_ref());
+            Outcome {
+                right: named.is_some(),
+                wrong: if number == 0 { wrong } else { 0 },
+                log10_fp: told.map(|found| found.log10_fp),
+                stage: how.map_or("-", |how| how.stage.name()),
+                blind: mesh.and_then(read),
+            }
+        };
+        expected.iter().enumerate().map(judge).collect()
+    }
+
+    /// One trial; `None` when the attack leaves nothing.
+    fn trial(&self, case: &Case, at: usize, round: usize) -> Option<Vec<Outcome>> {
+        let (host, mark) = (&self.hosts[at], &self.marks[at][round]);
+        let params = EmbedParams { method: mark.record.method, ..EmbedParams::default() };
+        let context = Context { host: &host.mesh, params: &params };
+        let place = (host.name.as_str(), round as u64);
+        let what = format!("{} {round}, {}", host.name, case.name);
+        let attacked = |mesh: &Mesh| case.apply(mesh, &context, place, self.options.seed).ok();
+        match case.kind {
+            cases::Kind::Averaged(copies) => {
+                let marks: Vec<&Mark> = self.marks[at].iter().take(copies as usize).collect();
+                let meshes: Vec<Mesh> = marks.iter().map(|mark| parsed(&mark.bytes)).collect();
+                let mean = collude::average(&meshes.iter().collect::<Vec<_>>()).ok()?;
+                let mesh = attacked(&mean)?;
+                let verification = self.verify(&to_glb(&mesh));
+                Some(self.judged(&what, &verification, &marks, Some(&mesh)))
+            }
+            cases::Kind::Laundered => {
+                let mesh = attacked(&parsed(&mark.bytes))?;
+                let owner = format!("launderer of {} {round}", host.name);
+                let file = to_glb(&mesh);
+                let marking = self.bench.try_mark(&file, &owner, self.kind());
+                let anew = self.runtime.block_on(marking).ok()?;
+                let verification = self.verify(&anew.bytes);
+                let mut outcome =
+                    self.judged(&what, &verification, &[mark, &anew], Some(&mesh)).remove(0);
+                let told = anew.record.existing_marks.iter().flatten();
+                if told.clone().any(|existing| existing.watermark_id == mark.record.id) {
+                    outcome = Outcome { right: true, stage: "when registered", ..outcome };
+                }
+                Some(vec![outcome])
+            }
+            _ => {
+                let mesh = attacked(&parsed(&mark.bytes))?;
+                let verification = self.verify(&Self::file(case, &mark.bytes, &mesh));
+                Some(self.judged(&what, &verification, &[mark], Some(&mesh)))
+            }
+        }
+    }
+
+    /// The trials of one round, on all meshes that have the copies.
+    fn round(&self, case: &Case, round: usize, row: &mut Row) {
+        let least = match case.kind {
+            cases::Kind::Averaged(copies) => copies as usize,
+            _ => round + 1,
+        };
+        let fit: Vec<usize> =
+            (0..self.hosts.len()).filter(|&at| self.marks[at].len() >= least).collect();
+        let outcomes = all(self.options.jobs, fit.len(), |k| self.trial(case, fit[k], round));
+        for (at, outcomes) in fit.into_iter().zip(outcomes) {
+            match outcomes {
+                Some(outcomes) => outcomes.iter().for_each(|outcome| row.add(at, outcome)),
+                None => row.fail(),
+            }
+        }
+    }
+
+    /// All pipelines, each on one mesh.
+    fn pipelines(&self, row: &mut Row) {
+        let outcomes = all(self.options.jobs, PIPELINES as usize, |number| {
+            let case = Case::pipeline(u32::try_from(number).unwrap());
+            let at = number % self.hosts.len();
+            let round = number / self.hosts.len() % self.marks[at].len();
+            (at, (!self.time_is_up()).then(|| self.trial(&case, at, round)))
+        });
+        for (number, (at, outcomes)) in (0..).zip(outcomes) {
+            let Some(outcomes) = outcomes else { continue };
+            let right = outcomes.as_ref().is_some_and(|all| all.iter().all(|one| one.right));
+            let verdict = if right { "recognised" } else { "not" };
+            println!("{}: {}, {verdict}", self.hosts[at].name, Attack::Pipeline(number));
+            match outcomes {
+                Some(outcomes) => outcomes.iter().for_each(|outcome| row.add(at, outcome)),
+                None => row.fail(),
+            }
+        }
+    }
+
+    /// Fills the rows: round after round, what is plain left out.
+    fn fill(&mut self, rows: &mut [Row]) {
+        self.mark(self.options.keys);
+        let cases = &self.options.cases;
+        for round in 0..self.options.keys {
+            for (case, row) in cases.iter().zip(rows.iter_mut()) {
+                let rounds = if case.wanted.is_some() { usize::MAX } else { self.options.report };
+                let usual = case.kind == cases::Kind::Copy;
+                if usual && round < rounds && !row.is_plain() && !self.time_is_up() {
+                    self.round(case, round, row);
+                }
+            }
+            println!("round {round} after {:.0} s", self.start.elapsed().as_secs_f64());
+        }
+        // What has one round, and what registers more.
+        for (case, row) in cases.iter().zip(rows.iter_mut()) {
+            match case.kind {
+                cases::Kind::Averaged(copies) if !self.time_is_up() => {
+                    self.mark(copies as usize);
+                    self.round(case, 0, row);
+                }
+                cases::Kind::Pipelines => self.pipelines(row),
+                cases::Kind::Laundered => {
+                    for round in 0..self.options.keys {
+                        if !row.is_plain() && !self.time_is_up() {
+                            self.round(case, round, row);
+                        }
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Files that carry nothing under all attacks, judged under all keys at once.
+    fn wrong_files(&self) {
+        let generated = Sample::ALL.map(Host::generated);
+        let mut files: Vec<&Host> = self.hosts.iter().chain(&generated).collect();
+        files.sort_by_key(|host| host.mesh.positions().len());
+        let cases: Vec<&Case> =
+            self.options.cases.iter().filter(|case| case.kind == cases::Kind::Copy).collect();
+        let params = EmbedParams::default();
+        let outcomes = all(self.options.jobs, files.len() * cases.len(), |number| {
+            let (host, case) = (files[number / cases.len()], cases[number % cases.len()]);
+            if self.time_is_up() {
+                return None;
+            }
+            let context = Context { host: &host.mesh, params: &params };
+            let place = (host.name.as_str(), u64::MAX);
+            let mesh = case.apply(&host.mesh, &context, place, self.options.seed).ok()?;
+            let verification = self.verify(&Self::file(case, &host.bytes, &mesh));
+            let what = format!("{}, which carries nothing, {}", host.name, case.name);
+            self.judged(&what, &verification, &[], None);
+            Some(verification.verdict)
+        });
+        let count = |verdict| outcomes.iter().flatten().filter(|v| **v == verdict).count();
+        println!(
+            "\nwrong files: {} of {} no match, {} inconclusive, {} MATCHED",
+            count(Verdict::NoMatch),
+            outcomes.iter().flatten().count(),
+            count(Verdict::Inconclusive),
+            count(Verdict::Match),
+        );
+    }
+
+    /// Files that carry none of the marks: themselves, marked by somebody else, and those attacked.
+    fn strangers(&self, folder: &Path) {
+        let mut random = ChaCha20Rng::from_seed([9; 32]);
+        let kind = EmbedParams { strength: self.options.strength, ..EmbedParams::default() };
+        let known: Vec<&[u8]> = self.hosts.iter().map(|host| host.bytes.as_slice()).collect();
+        let cases: Vec<&Case> =
+            self.options.cases.iter().filter(|case| case.kind == cases::Kind::Copy).collect();
+        let (mut best, mut wrong) = (0.0_f64, 0);
+        let [mut plain, mut marked, mut attacks] = [0; 3];
+        for path in files_below(folder) {
+            let bytes = std::fs::read(&path).unwrap();
+            let readable = Asset::read(&bytes, &Limits::default())
+                .is_ok_and(|asset| quadmark::watermark::Suspect::new(&asset.into_mesh()).is_ok());
+            if !readable {
+                continue;
+            }
+            let other = marks::marked(&bytes, kind, &mut random).ok();
+            marked += u32::from(other.is_some());
+            let mesh = parsed(other.as_ref().unwrap_or(&bytes));
+            let context = Context { host: &mesh, params: &kind };
+            let attacked = (!cases.is_empty()).then(|| cases[plain as usize % cases.len()]);
+            let attacked = attacked.and_then(|case| {
+                case.apply(&mesh, &context, ("stranger", u64::from(plain)), self.options.seed).ok()
+            });
+            plain += 1;
+            attacks += u32::from(attacked.is_some());
+            // (A host as it is has been tried under all attacks.)
+            let own = (!known.contains(&bytes.as_slice())).then_some(bytes);
+            for suspect in own.into_iter().chain(other).chain(attacked.map(|mesh| to_glb(&mesh))) {
+                let verification = self.verify(&suspect);
+                let Some(found) = verification.matches.first() else { continue };
+                best = best.min(found.log10_fp);
+                if verification.verdict == Verdict::Match {
+                    wrong += 1;
+                    println!("!!! WRONG RECORD: {}: {found:#?}", path.display());
+                }
+            }
+        }
+        println!(
+            "{plain} files, {marked} of them also marked by somebody else, {attacks} also attacked: \
+             {wrong} wrong matches, least log10_fp {best:.2}"
+        );
     }
 }
 
@@ -239,97 +491,42 @@ fn files_below(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-impl Table<'_> {
-    /// Files that carry none of the marks: themselves, and marked by somebody else.
-    fn strangers(&self, folder: &Path) {
-        let mut random = ChaCha20Rng::from_seed([9; 32]);
-        let kind = EmbedParams { strength: self.options.strength, ..EmbedParams::default() };
-        let known: Vec<Vec<u8>> =
-            self.options.files.iter().map(|file| std::fs::read(file).unwrap()).collect();
-        let (mut best, mut wrong) = (0.0_f64, 0);
-        let [mut plain, mut marked] = [0; 2];
-        for path in files_below(folder) {
-            let bytes = std::fs::read(&path).unwrap();
-            let readable = Asset::read(&bytes, &Limits::default())
-                .is_ok_and(|asset| quadmark::watermark::Suspect::new(&asset.into_mesh()).is_ok());
-            if !readable {
-                continue;
-            }
-            let other = marks::marked(&bytes, kind, &mut random).ok();
-            marked += u32::from(other.is_some());
-            plain += 1;
-            // (A host as it is has been tried under all attacks.)
-            let plain = (!known.contains(&bytes)).then_some(bytes);
-            for suspect in plain.into_iter().chain(other) {
-                let verify = self.bench.verify(&suspect, None, self.options.depth);
-                let verification = self.runtime.block_on(verify);
-                let Some(found) = verification.matches.first() else { continue };
-                best = best.min(found.log10_fp);
-                if verification.verdict == Verdict::Match {
-                    wrong += 1;
-                    println!("!!! WRONG RECORD: {}: {found:#?}", path.display());
-                }
-            }
-        }
-        println!(
-            "{plain} files, {marked} of them also marked by somebody else: {wrong} wrong matches, \
-             least log10_fp {best:.2}"
-        );
-    }
-}
-
-/// Marks all hosts with one more key, in a registry of its own, and fills the rows.
-fn run(options: &Options, hosts: &[Host], trial: u64, data: &Path, rows: &mut [Row]) {
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
-    let bench = runtime.block_on(Bench::start(&data.join(trial.to_string()), options.others));
-    let kind =
-        Kind { method: Method::default(), strength: options.strength, bits: BitCount::default() };
-    let mark = |host: &Host| {
-        runtime.block_on(bench.mark(&host.bytes, &format!("{} {trial}", host.name), kind))
-    };
-    let marks: Vec<Mark> = hosts.iter().map(mark).collect();
-    let table = Table { options, bench, runtime: &runtime };
-    if let Some(folder) = &options.strangers {
-        return table.strangers(folder);
-    }
-    let pairs = || hosts.iter().zip(&marks);
-    if options.wrong {
-        let strangers = Sample::ALL.map(Host::generated);
-        let wrong = |of, mark| Suspect { of, mark, bytes: &of.bytes, marked: false, trial };
-        let suspects = pairs().map(|(of, mark)| wrong(of, mark));
-        let strangers = strangers.iter().map(|of| wrong(of, &marks[0]));
-        let suspects: Vec<Suspect> = suspects.chain(strangers).collect();
-        table.fill(&suspects, rows);
-    } else {
-        let suspects: Vec<Suspect> = pairs()
-            .map(|(of, mark)| Suspect { of, mark, bytes: &mark.bytes, marked: true, trial })
-            .collect();
-        table.fill(&suspects, rows);
-    }
-}
-
 fn main() {
+    let start = Instant::now();
     let options = options();
     let temporary = tempfile::tempdir().unwrap();
     let data = options.data.clone().unwrap_or_else(|| temporary.path().join("data"));
-    let hosts = Host::all(&options.files);
-    let mut rows: Vec<Row> = options.cases.iter().map(|_| Row::default()).collect();
-    let keys = if options.strangers.is_some() { 1 } else { options.keys };
-    for trial in 0..keys {
-        run(&options, &hosts, trial, &data, &mut rows);
-        if options.strangers.is_some() {
-            return;
-        }
-        let (meshes, done, depth) = (hosts.len(), trial + 1, options.depth);
-        println!(
-            "{meshes} meshes, {done} keys, {depth}, strength {}, {} other records",
-            options.strength.get(),
-            options.others
-        );
-        print_head();
-        for (case, row) in options.cases.iter().zip(&rows) {
-            row.print(case.0);
-        }
-        println!("records named wrongly: {}", rows.iter().map(Row::wrong).sum::<u32>());
+    let mut hosts = Host::all(&options.files);
+    // The large ones first: the others fill the time beside them.
+    hosts.sort_by_key(|host| std::cmp::Reverse(host.mesh.positions().len()));
+    let mut rows: Vec<Row> = options.cases.iter().map(|case| Row::new(case.wanted)).collect();
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
+    let bench = runtime.block_on(Bench::start(&data, options.others));
+    let marks = hosts.iter().map(|_| Vec::new()).collect();
+    let mut table =
+        Table { options: &options, hosts: &hosts, marks, bench, runtime: &runtime, start };
+    table.fill(&mut rows);
+    println!(
+        "\n{} meshes, up to {} keys, {}, strength {}, {} other records, seed {}",
+        hosts.len(),
+        options.keys,
+        options.depth,
+        options.strength.get(),
+        options.others,
+        options.seed
+    );
+    let names: Vec<&str> = hosts.iter().map(|host| host.name.as_str()).collect();
+    print_head(&names);
+    for (case, row) in options.cases.iter().zip(&rows) {
+        row.print(&case.name, hosts.len());
     }
+    println!("\nrecords named wrongly: {}", rows.iter().map(Row::wrong).sum::<u32>());
+    if options.wrong {
+        table.wrong_files();
+    }
+    if let Some(folder) = &options.strangers {
+        table.strangers(folder);
+    }
+    let up = if table.time_is_up() { ", time was up" } else { "" };
+    println!("{:.0} minutes{up}", start.elapsed().as_secs_f64() / 60.0);
 }

@@ -2,66 +2,71 @@
 
 use std::collections::BTreeMap;
 
-use quadmark::lab::measures::Detection;
-use quadmark::service::{Verdict, Verification};
-use uuid::Uuid;
+use quadmark::lab::sequential::{Decision, Sequential};
 
-/// One suspect's outcome.
+/// Shares this far apart are told apart, with at most this probability of either error.
+const TOLERANCE: f64 = 0.15;
+const ERROR: f64 = 0.05;
+
+/// One judgement: whether one record was named that should be.
+#[derive(Debug, Clone)]
 pub struct Outcome {
-    pub verification: Verification,
-    /// Seconds from handing the file in to the answer, over those that tobj takes to load it, if
-    /// measured.
-    pub ratio: Option<f64>,
-    /// What the paper's detector reads of the mark, if it reads at all.
-    pub paper: Option<Detection>,
-    /// The record that should be found; none for a file that carries no mark.
-    pub expected: Option<Uuid>,
+    pub right: bool,
+    /// Records that were named and should not be.
+    pub wrong: u32,
+    /// The bound of the right record, where it was told at all.
+    pub log10_fp: Option<f64>,
+    /// What decided it.
+    pub stage: &'static str,
+    /// Share of the bits that the blind reader has right.
+    pub blind: Option<f64>,
 }
 
-impl Outcome {
-    /// A match that names a record which the file does not carry.
-    pub fn is_wrong(&self) -> bool {
-        let named = self.verification.matches.first().map(|best| best.watermark_id);
-        self.verification.verdict == Verdict::Match && named != self.expected
-    }
-
-    /// The mark found, or nothing where there is nothing.
-    pub fn is_right(&self) -> bool {
-        let found = self.verification.verdict == Verdict::Match;
-        found == self.expected.is_some() && !self.is_wrong()
-    }
-}
-
-/// Sums over the trials of an attack.
-#[derive(Default)]
-pub struct Row {
-    trials: u32,
+/// How often one mesh was recognised under one attack.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cell {
     right: u32,
     wrong: u32,
-    inconclusive: u32,
+    none: u32,
+}
+
+/// The outcomes of one attack.
+pub struct Row {
+    cells: BTreeMap<usize, Cell>,
     failed: u32,
-    log10_fp: Vec<f64>,
+    bounds: Vec<f64>,
+    blind: Vec<f64>,
     stages: BTreeMap<&'static str, u32>,
-    ratios: Vec<f64>,
-    bits: Vec<f64>,
+    test: Option<Sequential>,
+    wanted: Option<f64>,
 }
 
 impl Row {
-    pub fn add(&mut self, outcome: &Outcome) {
-        let Outcome { verification, ratio, paper, expected } = outcome;
-        self.trials += 1;
-        self.right += u32::from(outcome.is_right());
-        self.wrong += u32::from(outcome.is_wrong());
-        self.inconclusive += u32::from(verification.verdict == Verdict::Inconclusive);
-        self.ratios.extend(*ratio);
-        let theirs = verification.matches.iter().find(|m| Some(m.watermark_id) == *expected);
-        self.log10_fp.extend(theirs.map(|found| found.log10_fp));
-        if verification.verdict == Verdict::Match {
-            let stage = verification.matches[0].how.as_ref().map_or("-", |how| how.stage.name());
-            *self.stages.entry(stage).or_default() += 1;
+    pub fn new(wanted: Option<f64>) -> Self {
+        Self {
+            cells: BTreeMap::new(),
+            failed: 0,
+            bounds: Vec::new(),
+            blind: Vec::new(),
+            stages: BTreeMap::new(),
+            test: wanted.map(|wanted| Sequential::new(wanted, TOLERANCE, ERROR)),
+            wanted,
         }
-        let bits = |d: &Detection| d.right as f64 / (d.right + d.wrong + d.erased) as f64;
-        self.bits.push(paper.as_ref().map_or(0.0, bits));
+    }
+
+    pub fn add(&mut self, mesh: usize, outcome: &Outcome) {
+        let cell = self.cells.entry(mesh).or_default();
+        cell.right += u32::from(outcome.right);
+        cell.wrong += outcome.wrong;
+        cell.none += u32::from(!outcome.right);
+        self.bounds.extend(outcome.log10_fp);
+        self.blind.extend(outcome.blind);
+        if outcome.right {
+            *self.stages.entry(outcome.stage).or_default() += 1;
+        }
+        if let Some(test) = &mut self.test {
+            test.add(outcome.right);
+        }
     }
 
     /// The attack left no mesh.
@@ -69,37 +74,52 @@ impl Row {
         self.failed += 1;
     }
 
-    pub fn wrong(&self) -> u32 {
-        self.wrong
+    /// Whether more trials would change nothing.
+    pub fn is_plain(&self) -> bool {
+        self.test.is_some_and(|test| test.decision() != Decision::Open)
     }
 
-    pub fn print(&self, name: &str) {
-        let noted =
-            [("unclear", self.inconclusive), ("WRONG", self.wrong), ("failed", self.failed)];
-        let stages = self.stages.iter().map(|(&stage, &count)| (stage, count));
-        let counts: Vec<String> = stages
-            .chain(noted.into_iter().filter(|&(_, count)| count > 0))
-            .map(|(what, count)| format!("{what} {count}"))
-            .collect();
-        let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
-        let or_dash = |of: &[f64], digits: usize, unit: f64| {
-            if of.is_empty() { "-".to_owned() } else { format!("{:.digits$}", unit * mean(of)) }
+    pub fn wrong(&self) -> u32 {
+        self.cells.values().map(|cell| cell.wrong).sum()
+    }
+
+    /// A line of Markdown: right / wrong / none per mesh, then all of them.
+    pub fn print(&self, name: &str, meshes: usize) {
+        let cell = |mesh: usize| match self.cells.get(&mesh) {
+            Some(cell) => format!("{} / {} / {}", cell.right, cell.wrong, cell.none),
+            None => "-".to_owned(),
         };
+        let each: Vec<String> = (0..meshes).map(cell).collect();
+        let right: u32 = self.cells.values().map(|cell| cell.right).sum();
+        let none: u32 = self.cells.values().map(|cell| cell.none).sum();
+        let decision = match (self.wanted, self.test.map(|test| test.decision())) {
+            (Some(wanted), Some(Decision::Met)) => format!("{wanted}: met"),
+            (Some(wanted), Some(Decision::Missed)) => format!("{wanted}: MISSED"),
+            (Some(wanted), _) => format!("{wanted}: open"),
+            (None, _) => String::new(),
+        };
+        let mean = |of: &[f64], digits: usize, unit: f64| {
+            let mean = unit * of.iter().sum::<f64>() / of.len() as f64;
+            if of.is_empty() { "-".to_owned() } else { format!("{mean:.digits$}") }
+        };
+        let stages = self.stages.iter().map(|(stage, count)| format!("{stage} {count}"));
+        let failed = (self.failed > 0).then(|| format!("no mesh {}", self.failed));
         println!(
-            "{name:26}{:3} /{:3}{:>9}{:>9}{:>8}  {}",
-            self.right,
-            self.trials,
-            or_dash(&self.log10_fp, 1, 1.0),
-            or_dash(&self.ratios, 1, 1.0),
-            or_dash(&self.bits, 1, 100.0),
-            counts.join(", "),
+            "| {name} | {} | {right} of {} | {decision} | {} | {} | {} |",
+            each.join(" | "),
+            right + none,
+            mean(&self.bounds, 1, 1.0),
+            mean(&self.blind, 0, 100.0),
+            stages.chain(failed).collect::<Vec<_>>().join(", "),
         );
     }
 }
 
-pub fn print_head() {
+/// The head of the table, of which each mesh has a column.
+pub fn print_head(meshes: &[&str]) {
     println!(
-        "{:26}{:>8}{:>9}{:>9}{:>8}  decided by",
-        "attack", "right", "log10_fp", "x tobj", "bits %"
+        "\n| attack | {} | right | wanted | log10 of the bound | blind bits, % | decided by |",
+        meshes.join(" | ")
     );
+    println!("|{}", "---|".repeat(meshes.len() + 6));
 }

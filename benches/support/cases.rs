@@ -1,83 +1,132 @@
-//! What happens to suspects in the acceptance table of detection: the lab's attacks by name, alone
-//! or one after the other.
+//! What happens to suspects in the acceptance table of detection, and what share of them must be
+//! recognised.
 
-use quadmark::lab::attacks::Attack::{
-    self, Crop, Loop, Midpoint, Noise, Quantise, Remesh, Reorder, RoundTrip, Similarity, Simplify,
-    Smooth, Spikes, StrayVertices,
-};
-use quadmark::lab::attacks::crop::Of::Vertices;
-use quadmark::lab::attacks::{AttackError, Context, Target};
+use quadmark::lab::attacks::{Attack, AttackError, Context, Named, Target};
 use quadmark::lab::random::Random;
 use quadmark::mesh::Mesh;
 
-/// Name and steps.
-pub type Case = (&'static str, &'static [Attack]);
+/// Ends the name of a case whose suspects keep their place; all others are moved at the end.
+const IN_PLACE: &str = "+in-place";
 
-const fn smoothed(iterations: u32) -> Attack {
-    Smooth { lambda: 0.5, iterations }
-}
-
-/// All of them. Where nothing is said of a move, the suspect keeps its place; noise, quantisation and
-/// smoothing keep the order of the vertices, too.
-pub const CASES: &[Case] = &[
-    ("none", &[]),
-    ("moved", &[Similarity]),
-    ("reordered", &[Reorder]),
-    ("obj-glb", &[RoundTrip]),
-    ("noise-0.1", &[Noise(0.001)]),
-    ("noise-0.3", &[Noise(0.003)]),
-    ("noise-0.5", &[Noise(0.005)]),
-    ("noise-2", &[Noise(0.02)]),
-    ("noise-0.5-moved-reordered", &[Noise(0.005), Similarity, Reorder]),
-    ("bits-10", &[Quantise(10)]),
-    ("bits-8", &[Quantise(8)]),
-    ("bits-7", &[Quantise(7)]),
-    ("bits-6", &[Quantise(6)]),
-    ("bits-5", &[Quantise(5)]),
-    ("bits-4", &[Quantise(4)]),
-    ("bits-7-moved", &[Quantise(7), Similarity]),
-    ("midpoint", &[Midpoint]),
-    ("loop", &[Loop]),
-    ("simplified-50", &[Simplify(0.5)]),
-    ("simplified-75", &[Simplify(0.75)]),
-    ("simplified-90", &[Simplify(0.9)]),
-    ("simplified-50-moved", &[Simplify(0.5), Similarity]),
-    ("smoothed-1", &[smoothed(1)]),
-    ("smoothed-10", &[smoothed(10)]),
-    ("smoothed-20", &[smoothed(20)]),
-    ("smoothed-1-moved", &[smoothed(1), Similarity]),
-    ("smoothed-10-moved", &[smoothed(10), Similarity]),
-    ("smoothed-20-moved", &[smoothed(20), Similarity]),
-    ("spike", &[Spikes { count: 1, height: 0.01 }]),
-    ("stray-10", &[StrayVertices(10)]),
-    ("crop-10", &[Crop(0.1, Vertices)]),
-    ("crop-30", &[Crop(0.3, Vertices)]),
-    ("crop-50", &[Crop(0.5, Vertices)]),
-    ("crop-80", &[Crop(0.8, Vertices)]),
-    ("crop-10-moved", &[Crop(0.1, Vertices), Similarity]),
-    ("crop-30-moved", &[Crop(0.3, Vertices), Similarity]),
-    ("crop-50-moved", &[Crop(0.5, Vertices), Similarity]),
-    ("crop-80-moved", &[Crop(0.8, Vertices), Similarity]),
-    ("fragment-5-moved", &[Crop(0.95, Vertices), Similarity]),
-    ("crop-50-noise-0.5", &[Crop(0.5, Vertices), Noise(0.005)]),
-    ("crop-50-noise-0.5-moved", &[Crop(0.5, Vertices), Noise(0.005), Similarity]),
-    ("remeshed", &[Remesh(1.0)]),
-    ("remeshed-moved", &[Remesh(1.0), Similarity]),
+/// The rows that are recognised always, and those that the second layer is there for; a share where
+/// one is asked for.
+#[rustfmt::skip]
+const ACCEPTANCE: &[(&str, Option<f64>)] = &[
+    ("none+in-place", Some(1.0)), ("none", Some(1.0)), ("reordered", Some(1.0)),
+    ("obj-glb", Some(1.0)),
+    ("noise-0.1+in-place", Some(1.0)), ("noise-0.3+in-place", Some(1.0)),
+    ("noise-0.5+in-place", Some(1.0)), ("noise-0.5+reordered", Some(1.0)),
+    ("noise-2+in-place", None),
+    ("bits-10+in-place", Some(1.0)), ("bits-8+in-place", Some(1.0)), ("bits-7+in-place", Some(1.0)),
+    ("bits-6+in-place", Some(1.0)), ("bits-5+in-place", Some(1.0)), ("bits-4+in-place", Some(1.0)),
+    ("midpoint+in-place", Some(1.0)), ("loop+in-place", Some(1.0)),
+    ("spike-1+in-place", Some(1.0)), ("stray-10+in-place", Some(1.0)),
+    ("simplified-50", Some(1.0)),
+    ("crop-10", Some(1.0)), ("crop-30", Some(1.0)), ("crop-50", Some(1.0)),
+    ("crop-80+in-place", Some(1.0)), ("crop-80", None), ("crop-50+noise-0.5", Some(1.0)),
+    ("smoothed-1", Some(1.0)), ("smoothed-10", Some(1.0)), ("smoothed-20", Some(1.0)),
+    ("taubin-50", Some(1.0)), ("cotangent-10", None), ("cotangent-20", None),
+    ("simplified-75", Some(1.0)), ("simplified-90", Some(0.95)), ("simplified-95", Some(0.8)),
+    ("remeshed-100", Some(1.0)), ("remeshed-50", Some(1.0)), ("remeshed-25", Some(0.95)),
+    ("fragment-10", None), ("fragment-5", Some(0.95)), ("fragment-2", Some(0.8)),
+    ("fragment-5+simplified-75", Some(0.6)),
+    ("voxel-0.5", Some(1.0)), ("voxel-1", Some(0.9)), ("scan-0.05", Some(0.95)),
+    ("overmarked", Some(1.0)),
+    ("averaged-3", None), ("averaged-10", Some(1.0)), ("averaged-30", Some(0.9)),
+    ("averaged-100", None),
+    ("laundered", Some(1.0)),
 ];
 
-/// What is left of a mesh; the same names, trial and seed give the same.
-pub fn attacked(
-    mesh: &Mesh,
-    context: &Context<'_>,
-    (name, steps): Case,
-    place: (&str, u64),
-    seed: u64,
-) -> Result<Mesh, AttackError> {
-    let (of, trial) = place;
-    let mut random = Random::derived(seed, [hash(of), trial, hash(name)]);
-    steps
-        .iter()
-        .try_fold(mesh.clone(), |now, step| step.apply(&Target::new(&now), context, random.word()))
+/// Pipelines of the acceptance table: each on one mesh, in turn.
+pub const PIPELINES: u32 = 100;
+
+/// How suspects are made and judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A marked copy is attacked, and its record must be named.
+    Copy,
+    /// So many recipients' copies are averaged, and each of their records must be named.
+    Averaged(u32),
+    /// A marked copy is attacked and registered anew by somebody else: the answer must tell of the
+    /// record, or a verification of the new copy must name it.
+    Laundered,
+    /// All pipelines, each on one mesh.
+    Pipelines,
+}
+
+/// A row of the table.
+#[derive(Debug, Clone)]
+pub struct Case {
+    pub name: String,
+    pub kind: Kind,
+    /// What share must be recognised.
+    pub wanted: Option<f64>,
+    steps: Vec<Attack>,
+}
+
+impl Case {
+    /// By name: an attack or several, `laundered`, `pipelines`, or `averaged-N`.
+    pub fn named(name: &str) -> Result<Self, String> {
+        let (short, in_place) = match name.strip_suffix(IN_PLACE) {
+            Some(short) => (short, true),
+            None => (name, false),
+        };
+        let (of, kind) = match short {
+            "laundered" => ("crop-30+noise-0.5", Kind::Laundered),
+            "pipelines" => ("none", Kind::Pipelines),
+            other => (other, Kind::Copy),
+        };
+        let mut steps = of.parse::<Named>()?.steps().to_vec();
+        let kind = match *steps.as_slice() {
+            [Attack::Collude(copies)] => {
+                steps.clear();
+                Kind::Averaged(copies)
+            }
+            _ => kind,
+        };
+        steps.retain(|step| *step != Attack::None);
+        if !in_place {
+            steps.push(Attack::Similarity);
+        }
+        let listed = ACCEPTANCE.iter().find(|(listed, _)| *listed == name);
+        let wanted = listed.and_then(|&(_, wanted)| wanted);
+        Ok(Self { name: name.to_owned(), kind, wanted, steps })
+    }
+
+    /// All rows of the acceptance table; what registers further marks comes last.
+    pub fn acceptance() -> Vec<Self> {
+        let names = ACCEPTANCE.iter().map(|&(name, _)| name);
+        let (last, mut all): (Vec<Self>, Vec<Self>) = names
+            .chain(["pipelines"])
+            .map(|name| Self::named(name).unwrap())
+            .partition(|case| matches!(case.kind, Kind::Averaged(_) | Kind::Laundered));
+        all.extend(last);
+        all
+    }
+
+    /// One pipeline, as a case.
+    pub fn pipeline(number: u32) -> Self {
+        Self::named(&format!("pipeline-{number}")).unwrap()
+    }
+
+    /// Whether the file is handed in as it is.
+    pub fn is_nothing(&self) -> bool {
+        self.steps.is_empty()
+    }
+
+    /// What is left of a mesh; the same names, trial and seed give the same.
+    pub fn apply(
+        &self,
+        mesh: &Mesh,
+        context: &Context<'_>,
+        (of, trial): (&str, u64),
+        seed: u64,
+    ) -> Result<Mesh, AttackError> {
+        let mut random = Random::derived(seed, [hash(of), trial, hash(&self.name)]);
+        self.steps.iter().try_fold(mesh.clone(), |now, step| {
+            step.apply(&Target::new(&now), context, random.word())
+        })
+    }
 }
 
 /// FNV-1a.

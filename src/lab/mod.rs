@@ -19,6 +19,7 @@ pub mod random;
 pub mod report;
 pub mod row;
 pub mod run;
+pub mod sequential;
 pub mod summary;
 pub mod trial;
 

@@ -283,6 +283,45 @@ fn pipelines_are_three_attacks_of_different_families() {
     assert_eq!(once, then);
 }
 
+/// Two boxes that touch in a face, and a ball's worth of both in one.
+#[test]
+fn voxel_extraction_makes_one_of_parts_that_touch_or_overlap() {
+    let blob = Sample::Blob.mesh(3000).unwrap();
+    let diagonal = Surface::new(&blob).diagonal();
+    let beside = |shift: DVec3| {
+        let moved = blob.positions().iter().map(|&p| p + shift);
+        let count = index(blob.positions().len());
+        let again = blob.triangles().iter().map(|t| t.map(|v| v + count));
+        let positions = blob.positions().iter().copied().chain(moved).collect();
+        Mesh::new(positions, blob.triangles().iter().copied().chain(again).collect()).unwrap()
+    };
+    let two = beside(0.15 * diagonal * DVec3::X);
+    let new = voxel::voxel(&Target::new(&two), 0.02, 4).unwrap();
+    assert_eq!(topology(&new), (2, 0));
+
+    // Cubes over each other: the face between them is there twice.
+    let cube = |low: f64| {
+        let at = |k: u32| {
+            let bit = |by: u32| f64::from(k >> by & 1);
+            DVec3::new(bit(0), bit(1), low + bit(2))
+        };
+        (0..8).map(at).collect::<Vec<DVec3>>()
+    };
+    let faces =
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = |first: u32| {
+        faces.iter().flat_map(move |&[a, b, c, d]| {
+            [[a, b, c], [a, c, d]].map(|t| t.map(|v: u32| v + first))
+        })
+    };
+    let positions = [cube(0.0), cube(1.0)].concat();
+    let tower = Mesh::new(positions, triangles(0).chain(triangles(8)).collect()).unwrap();
+    let new = voxel::voxel(&Target::new(&tower), 0.03, 4).unwrap();
+    assert_eq!(topology(&new), (2, 0));
+    let within = |p: &DVec3| p.z > 0.1 && p.z < 1.9 && p.x.min(p.y) > 0.1 && p.x.max(p.y) < 0.9;
+    assert_eq!(new.positions().iter().filter(|&p| within(p)).count(), 0);
+}
+
 #[test]
 fn voxel_extraction_keeps_open_surfaces_open() {
     let host = Sample::Blob.mesh(6000).unwrap();

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::edges::Edges;
-use super::isosurface::{Grid, extract, touched};
+use super::isosurface::{Grid, Winding, extract, is_closed, touched};
 use super::{AttackError, Target};
 use crate::lab::random::Random;
 use crate::mesh::Mesh;
@@ -18,11 +18,11 @@ const ROUNDING: f64 = 1e-6;
 /// stays. The grid's axes are the file's. This is what "uniform resampling" and "voxel remeshing" of
 /// common programs do.
 ///
-/// A corner is inside where the angle-weighted normal at its closest point looks away from it, which
-/// is exact for closed surfaces (Bærentzen and Aanæs, *Signed distance computation using the angle
-/// weighted pseudonormal*, IEEE TVCG 11(3), 2005). Open surfaces stay open and lose up to a cell along
-/// their borders ([`extract`]); so do surfaces where they pass through themselves, where the normals
-/// of two sheets disagree about the inside.
+/// Of a closed surface, a corner is inside where the surface winds around it ([`Winding`]): parts that
+/// touch or pass through each other become one. Of any other, where the angle-weighted normal at its
+/// closest point looks away from it (Bærentzen and Aanæs, *Signed distance computation using the angle
+/// weighted pseudonormal*, IEEE TVCG 11(3), 2005); it stays open and loses up to a cell along its
+/// borders, and along lines where it passes through itself ([`extract`]).
 ///
 /// # Errors
 /// [`AttackError::NoSurface`], also where all parts are thinner than a cell.
@@ -35,8 +35,18 @@ pub fn voxel(target: &Target<'_>, share: f64, seed: u64) -> Result<Mesh, AttackE
     let grid = Grid::new(low - cell * shift, cell);
     let cells = touched(&grid, surface);
     target.go_on()?;
-    let distance = SignedDistance::new(surface, target.edges()?).ok_or(AttackError::NoSurface)?;
-    extract(&grid, &cells, 1.0 + ROUNDING, |place| distance.at(place))
+    let edges = target.edges()?;
+    let distance = SignedDistance::new(surface, edges).ok_or(AttackError::NoSurface)?;
+    if is_closed(surface, edges) {
+        let winding = Winding::new(&grid, surface);
+        target.go_on()?;
+        extract(&grid, &cells, 1.0 + ROUNDING, |place| {
+            let distance = distance.at(place).abs();
+            if winding.is_inside(&grid, place) { -distance } else { distance }
+        })
+    } else {
+        extract(&grid, &cells, 1.0 + ROUNDING, |place| distance.at(place))
+    }
 }
 
 /// A surface ready to be asked how far away it is, and on which side.

@@ -46,6 +46,22 @@ impl Grid {
         let steps = coordinates(corner).map(|x| x as f64 - MIDDLE);
         self.origin + self.cell * DVec3::from_array(steps)
     }
+
+    /// The line along x that a corner lies on.
+    pub fn line_of(&self, corner: DVec3) -> u64 {
+        self.cell_of(corner + DVec3::splat(0.5 * self.cell)) & (STEPS[0] - 1)
+    }
+
+    /// A corner of each line along x that passes within a box, and of some beside it.
+    pub fn lines_within(&self, low: DVec3, high: DVec3) -> impl Iterator<Item = DVec3> + use<> {
+        let grid = *self;
+        let low = coordinates(self.cell_of(low));
+        let high = coordinates(self.cell_of(high)).map(|x| x + 1);
+        (low[1]..=high[1]).flat_map(move |y| {
+            (low[2]..=high[2])
+                .map(move |z| grid.place(low[0] * STEPS[0] + y * STEPS[1] + z * STEPS[2]))
+        })
+    }
 }
 
 fn coordinates(key: u64) -> [u64; 3] {

@@ -3,6 +3,7 @@
 
 mod cases;
 mod grid;
+mod winding;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -12,6 +13,7 @@ use crate::mesh::Mesh;
 use cases::{Cases, EDGES};
 
 pub use grid::{Grid, grown, touched};
+pub use winding::{Winding, is_closed};
 
 /// A vertex stays this share of an edge away from both of its corners: vertices of different edges
 /// never coincide, so that no triangle loses its area.

@@ -1,6 +1,7 @@
 //! A new surface through points measured on the old one, as a scanner gives them.
 
 mod fit;
+mod parts;
 
 use glam::DVec3;
 
@@ -38,7 +39,11 @@ const LEAST_REACH: f64 = 2.0;
 
 /// How far the values of two neighbouring corners may stand apart, in cells. Fits differ between the
 /// two; distances to one surface would differ by at most 1.
-const SLACK: f64 = 1.5;
+const SLACK: f64 = 2.0;
+
+/// Parts with less than this share of the triangles are taken for noise, as who makes a surface of a scan
+/// does: between near sheets the fits leave crumbs.
+const LEAST_PART: f64 = 1e-3;
 
 /// A measured point, and the outward normal that it was measured with.
 #[derive(Debug, Clone, Copy)]
@@ -74,7 +79,8 @@ pub fn scan(target: &Target<'_>, how: &Scanning, seed: u64) -> Result<Mesh, Atta
     cells.sort_unstable();
     cells.dedup();
     let fit = Fit::new(samples, low, (REACH * spacing).max(LEAST_REACH * cell));
-    extract(&grid, &grown(&cells), SLACK, |place| fit.distance(place))
+    let new = extract(&grid, &grown(&cells), SLACK, |place| fit.distance(place))?;
+    parts::without_crumbs(&new, LEAST_PART)
 }
 
 /// The points, and the area of the surface.
