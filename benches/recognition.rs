@@ -252,7 +252,6 @@ impl Table<'_> {
 
     /// Judges a verification for each of the records that must be named.
     fn judged(
-        &self,
         what: &str,
         verification: &Verification,
         expected: &[&Mark],
@@ -306,7 +305,7 @@ impl Table<'_> {
                 let mean = collude::average(&meshes.iter().collect::<Vec<_>>()).ok()?;
                 let mesh = attacked(&mean)?;
                 let verification = self.verify(&to_glb(&mesh));
-                Some(self.judged(&what, &verification, &marks, Some(&mesh)))
+                Some(Self::judged(&what, &verification, &marks, Some(&mesh)))
             }
             cases::Kind::Laundered => {
                 let mesh = attacked(&parsed(&mark.bytes))?;
@@ -316,7 +315,7 @@ impl Table<'_> {
                 let anew = self.runtime.block_on(marking).ok()?;
                 let verification = self.verify(&anew.bytes);
                 let mut outcome =
-                    self.judged(&what, &verification, &[mark, &anew], Some(&mesh)).remove(0);
+                    Self::judged(&what, &verification, &[mark, &anew], Some(&mesh)).remove(0);
                 let told = anew.record.existing_marks.iter().flatten();
                 if told.clone().any(|existing| existing.watermark_id == mark.record.id) {
                     outcome = Outcome { right: true, stage: "when registered", ..outcome };
@@ -326,7 +325,7 @@ impl Table<'_> {
             _ => {
                 let mesh = attacked(&parsed(&mark.bytes))?;
                 let verification = self.verify(&Self::file(case, &mark.bytes, &mesh));
-                Some(self.judged(&what, &verification, &[mark], Some(&mesh)))
+                Some(Self::judged(&what, &verification, &[mark], Some(&mesh)))
             }
         }
     }
@@ -420,7 +419,7 @@ impl Table<'_> {
             let mesh = case.apply(&host.mesh, &context, place, self.options.seed).ok()?;
             let verification = self.verify(&Self::file(case, &host.bytes, &mesh));
             let what = format!("{}, which carries nothing, {}", host.name, case.name);
-            self.judged(&what, &verification, &[], None);
+            Self::judged(&what, &verification, &[], None);
             Some(verification.verdict)
         });
         let count = |verdict| outcomes.iter().flatten().filter(|v| **v == verdict).count();

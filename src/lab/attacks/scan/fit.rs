@@ -10,6 +10,10 @@ use crate::mesh::powers::squared;
 /// Steps of the grid's keys: neighbours along z are next to each other.
 const COLUMN: usize = 3;
 
+/// The cosine between normals from which on two samples are of one sheet: 120 degrees. Both sides of a
+/// right-angled crease are, or its fits would be torn between them; both sides of a thin wall are not.
+const ONE_SHEET: f64 = -0.5;
+
 /// Points in buckets as large as the reach of a fit.
 pub struct Fit {
     samples: Vec<Sample>,
@@ -21,7 +25,7 @@ pub struct Fit {
 
 impl Fit {
     /// Of samples, the fit around a place taking in those within `reach`.
-    pub fn new(samples: Vec<Sample>, low: DVec3, reach: f64) -> Self {
+    pub fn new(samples: &[Sample], low: DVec3, reach: f64) -> Self {
         let buckets = Grid::new(low, reach);
         let mut keyed: Vec<(u64, usize)> =
             samples.iter().enumerate().map(|(k, s)| (buckets.cell_of(s.place), k)).collect();
@@ -50,7 +54,7 @@ impl Fit {
     /// of algebraic point set surfaces*, Eurographics 2008, eqs. 4 to 6). Weights are
     /// `(1 - (r / reach)^2)^4`.
     ///
-    /// Samples that look away from where the nearest one looks are left out: they are of another
+    /// Samples that look another way than the nearest one ([`ONE_SHEET`]) are left out: they are of another
     /// sheet, such as a thin wall's other side. No number where no sample is within reach.
     pub fn distance(&self, place: DVec3) -> f64 {
         let squared_reach = squared(self.reach);
@@ -63,7 +67,7 @@ impl Fit {
         };
         let (mut w, mut wp, mut wn) = (0.0, DVec3::ZERO, DVec3::ZERO);
         let (mut wpp, mut wpn) = (0.0, 0.0);
-        for (r, sample) in near().filter(|(_, s)| s.normal.dot(nearest.normal) > 0.0) {
+        for (r, sample) in near().filter(|(_, s)| s.normal.dot(nearest.normal) > ONE_SHEET) {
             let weight = squared(squared(1.0 - r / squared_reach));
             let p = sample.place - place;
             w += weight;

@@ -78,7 +78,7 @@ pub fn scan(target: &Target<'_>, how: &Scanning, seed: u64) -> Result<Mesh, Atta
     let mut cells: Vec<u64> = samples.iter().map(|sample| grid.cell_of(sample.place)).collect();
     cells.sort_unstable();
     cells.dedup();
-    let fit = Fit::new(samples, low, (REACH * spacing).max(LEAST_REACH * cell));
+    let fit = Fit::new(&samples, low, (REACH * spacing).max(LEAST_REACH * cell));
     let new = extract(&grid, &grown(&cells), SLACK, |place| fit.distance(place))?;
     parts::without_crumbs(&new, LEAST_PART)
 }
