@@ -81,7 +81,7 @@ fn measure(mesh: &Mesh, method: Method, options: &Options) -> Row {
             *p = glam::DVec3::from_array(p.to_array().map(|x| f64::from(x as f32)));
         }
     };
-    let host = Host { mesh, surface: &surface, pinned: &[], round: &to_single };
+    let host = Host { mesh, surface: &surface, pinned: &[], round: &to_single, original: None };
     let strength = Strength::new(options.strength).unwrap();
     let params = EmbedParams { method, strength, ..EmbedParams::default() };
     let mut row = Row::default();

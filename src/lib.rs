@@ -48,6 +48,7 @@
 //! - [`mesh`]: positions and triangles, welding, centre, quadrics, distortion. Pure.
 //! - [`watermark`]: keys to codewords, bins, modulation, placement, the closed loop, extraction
 //!   and detection. Pure, deterministic to the bit on any number of threads.
+//! - [`relief`]: the layer of a mark that lies in the surface, read against the host. Pure.
 //! - [`registration`]: a suspect into its host's coordinates, and which hosts to try. Pure.
 //! - [`formats`]: bytes to carrier mesh, new positions to patched bytes.
 //! - [`marking`]: the two together, bytes to checked bytes.
@@ -70,6 +71,7 @@ pub mod mesh;
 pub mod recognition;
 pub mod registration;
 pub mod registry;
+pub mod relief;
 pub mod sample;
 pub mod service;
 pub mod watermark;

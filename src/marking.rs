@@ -225,7 +225,7 @@ fn mark_by(
                 asset.with_step(step).round_until(positions, stop);
             };
             let (mesh, surface, pinned) = (asset.mesh(), &surface, asset.pinned());
-            let seen = Host { mesh, surface, pinned, round: &round };
+            let seen = Host { mesh, surface, pinned, round: &round, original: None };
             let embedding = embed(seen, codeword, &EmbedParams { strength, ..params }, stop)?;
             let quality = quality_of(surface, &embedding.positions, stop)?;
             Ok(Made { embedding, quality, strength, step })

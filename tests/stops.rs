@@ -113,7 +113,7 @@ fn case() -> Case {
     let message = Message::from_bytes(&[0x5a; 8], bits).unwrap();
     let codeword = Codeword::new(&MarkKey::from_bytes([3; 32]), &message);
     let params = EmbedParams { method: Method::QspMean, ..EmbedParams::default() };
-    let seen = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &|_| {} };
+    let seen = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &|_| {}, original: None };
     let made = embed(seen, &codeword, &params, &|| false).unwrap();
     let filter = HostFilter::new(&mesh, codeword.lattice_class(), &params).unwrap();
     // Shrunk: many numbers of rounds of smoothing are tried.
@@ -139,7 +139,7 @@ fn case() -> Case {
 }
 
 fn host(case: &Case) -> Host<'_> {
-    Host { mesh: &case.mesh, surface: &case.surface, pinned: &[], round: &|_| {} }
+    Host { mesh: &case.mesh, surface: &case.surface, pinned: &[], round: &|_| {}, original: None }
 }
 
 /// What is made of a mesh before anything else, and what is kept of it.

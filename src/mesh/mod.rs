@@ -7,6 +7,7 @@
 pub mod adjacency;
 pub mod closest;
 pub mod distortion;
+pub mod linear;
 pub mod powers;
 pub mod quadric;
 pub mod quality;

@@ -537,7 +537,13 @@ mod tests {
                 let params = EmbedParams { method, strength, ..EmbedParams::default() };
                 let message = Message::from_bytes(&[0xa7; 8], params.bits).unwrap();
                 let codeword = Codeword::new(&MarkKey::from_bytes([4; 32]), &message);
-                let host = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &|_| () };
+                let host = Host {
+                    mesh: &mesh,
+                    surface: &surface,
+                    pinned: &[],
+                    round: &|_| (),
+                    original: None,
+                };
                 let marked = embed(host, &codeword, &params, &|| false).unwrap().positions;
                 let moved: Vec<DVec3> =
                     surface.first_vertex.iter().map(|&v| marked[v as usize]).collect();

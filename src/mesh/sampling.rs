@@ -16,7 +16,7 @@ pub fn samples(surface: &Surface, per_kind: usize) -> Vec<DVec3> {
     let mut points = Vec::with_capacity(surface.positions.len() + 2 * per_kind);
     points.extend_from_slice(&surface.positions);
     on_edges(surface, per_kind, &mut points);
-    in_triangles(surface, per_kind, &mut points);
+    in_triangles(&surface.positions, &surface.triangles, per_kind, |_, p| points.push(p));
     points
 }
 
@@ -42,20 +42,26 @@ fn on_edges(surface: &Surface, count: usize, points: &mut Vec<DVec3>) {
     });
 }
 
-fn in_triangles(surface: &Surface, count: usize, points: &mut Vec<DVec3>) {
-    let corners = |t: &[u32; 3]| t.map(|i| surface.positions[i as usize]);
+/// Hands out `count` points in triangles, evenly by area, each with its triangle.
+pub fn in_triangles(
+    positions: &[DVec3],
+    triangles: &[[u32; 3]],
+    count: usize,
+    mut visit: impl FnMut(&[u32; 3], DVec3),
+) {
+    let corners = |t: &[u32; 3]| t.map(|i| positions[i as usize]);
     let area = |t: &[u32; 3]| {
         let [a, b, c] = corners(t);
         doubled_area(a, b, c).length()
     };
-    spread(&surface.triangles, area, count, |t, _, number| {
+    spread(triangles, area, count, |t, _, number| {
         let [a, b, c] = corners(t);
         let [mut u, mut v] = PLASTIC.map(|step| (number * step).fract());
         // The far half of the unit square is folded back onto the triangle.
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
         }
-        points.push(a + (b - a) * u + (c - a) * v);
+        visit(t, a + (b - a) * u + (c - a) * v);
     });
 }
 
@@ -104,7 +110,8 @@ mod tests {
     fn the_mean_of_the_triangle_samples_is_the_centre() {
         let surface = Surface::new(&Sample::Blob.mesh(2000).unwrap());
         let mut points = Vec::new();
-        in_triangles(&surface, 200_000, &mut points);
+        let Surface { positions, triangles, .. } = &surface;
+        in_triangles(positions, triangles, 200_000, |_, p| points.push(p));
         let mean = points.iter().sum::<DVec3>() / points.len() as f64;
         assert!((mean - surface.centre()).length() < 1e-3);
     }

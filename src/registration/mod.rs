@@ -18,7 +18,6 @@ pub mod codes;
 pub mod consensus;
 pub mod discs;
 pub mod index;
-pub mod linear;
 pub mod moments;
 pub mod nearest;
 pub mod newton;

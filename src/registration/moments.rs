@@ -2,9 +2,9 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::linear::eigen;
 use super::scatter::Point;
 use super::similarity::Similarity;
+use crate::mesh::linear::eigen;
 
 /// Centre, size and main axes of points.
 struct Moments {

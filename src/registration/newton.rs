@@ -3,8 +3,8 @@
 
 use glam::{DQuat, DVec3};
 
-use super::linear::solve;
 use super::similarity::Similarity;
+use crate::mesh::linear::solve;
 
 /// Normal equations of a small similarity of the host: rotation, logarithm of the scale, shift.
 ///

@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 
-use super::linear::eigen;
+use crate::mesh::linear::eigen;
 
 /// `x -> scale * rotation * x + translation`.
 ///

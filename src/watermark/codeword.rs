@@ -27,6 +27,11 @@ impl MarkKey {
         Self(bytes)
     }
 
+    /// The bytes, for layers that draw from streams of their own.
+    pub(crate) fn bytes(&self) -> &[u8; 32] {
+        &self.0
+    }
+
     /// Reads 64 hexadecimal digits, of either case.
     ///
     /// # Errors

@@ -139,7 +139,7 @@ fn embed_as_asked(
             .read(centre, &norms(&carriers, centre))
             .ok_or(WatermarkError::NoRadialExtent { vertices: carriers.len() })?;
         let flipped = if guards {
-            flipped_until(host.surface, &carriers, stop)
+            flipped_until(host.original(), &carriers, stop)
         } else {
             go_on(stop).map(|()| Vec::new())
         };
@@ -237,7 +237,7 @@ mod tests {
         params: &EmbedParams,
     ) -> Result<Embedding, WatermarkError> {
         let surface = Surface::new(mesh);
-        let host = Host { mesh, surface: &surface, pinned: &[], round: &to_single };
+        let host = Host { mesh, surface: &surface, pinned: &[], round: &to_single, original: None };
         embed(host, &Codeword::new(key, &message(params.bits)), params, &|| false)
     }
 
@@ -310,7 +310,13 @@ mod tests {
         let mesh = single(Sample::Blob, 12_000);
         let surface = Surface::new(&mesh);
         let pinned: Vec<u32> = (0..500).collect();
-        let host = Host { mesh: &mesh, surface: &surface, pinned: &pinned, round: &to_single };
+        let host = Host {
+            mesh: &mesh,
+            surface: &surface,
+            pinned: &pinned,
+            round: &to_single,
+            original: None,
+        };
         let params = EmbedParams::default();
         let codeword = Codeword::new(&MarkKey::from_bytes([3; 32]), &message(params.bits));
         let result = embed(host, &codeword, &params, &|| false).unwrap();
@@ -322,7 +328,8 @@ mod tests {
     fn a_stop_is_heard() {
         let mesh = single(Sample::Blob, 12_000);
         let surface = Surface::new(&mesh);
-        let host = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &to_single };
+        let host =
+            Host { mesh: &mesh, surface: &surface, pinned: &[], round: &to_single, original: None };
         let params = EmbedParams::default();
         let codeword = Codeword::new(&MarkKey::from_bytes([3; 32]), &message(params.bits));
         assert_eq!(

@@ -30,7 +30,7 @@ mod suspect;
 mod synchronise;
 
 pub use bins::Frame;
-pub use bound::{Tail, least_score, log10_chernoff, log10_tail};
+pub use bound::{Tail, least_chernoff_score, least_score, log10_chernoff, log10_tail};
 pub use capacity::needed_bins;
 pub use codeword::{Codeword, LATTICE_CLASSES, MarkKey, Message, Schedule};
 pub use embed::{Embedding, embed};

@@ -34,6 +34,17 @@ pub struct Host<'a> {
     /// Replaces positions of all file vertices by what the written file reads back as. Who is to stop
     /// meanwhile leaves them as they are.
     pub round: &'a (dyn Fn(&mut [DVec3]) + Sync),
+    /// The surface that no triangle should turn from, with the same carriers, where `surface` was
+    /// moved already; its own otherwise.
+    pub original: Option<&'a Surface>,
+}
+
+impl<'a> Host<'a> {
+    /// The surface that no triangle should turn from.
+    #[must_use]
+    pub fn original(&self) -> &'a Surface {
+        self.original.unwrap_or(self.surface)
+    }
 }
 
 /// What all passes over one host share.
@@ -146,7 +157,7 @@ impl<'a> Passes<'a> {
         let mut placed = mapped(&self.host.surface.positions, stop, |k, &v| place(k, v))?;
         if let (Some(placement), Shaping::Allocation) = (&self.placement, method.shaping()) {
             let pliancies = &self.modulator.pliancies;
-            let guard = Guard { surface: self.host.surface, placement, pliancies };
+            let guard = Guard { surface: self.host.original(), placement, pliancies };
             let placed = &mut placed;
             guard.ease(&mut Moves { centre, rho, new_rho, placed }, &mut state.stiffness, stop)?;
         }

@@ -63,6 +63,7 @@ pub fn mark_until(
             *p = DVec3::from_array(p.to_array().map(|x| f64::from(x as f32)));
         }
     };
-    let host = Host { mesh, surface: &Surface::new(mesh), pinned: &[], round: &round };
+    let host =
+        Host { mesh, surface: &Surface::new(mesh), pinned: &[], round: &round, original: None };
     embed(host, codeword, params, stop)
 }

@@ -91,7 +91,8 @@ mod tests {
         let surface = Surface::new(&host);
         let (message, params) =
             (Message::from_bits(vec![true; 64]).unwrap(), EmbedParams::default());
-        let seen = Host { mesh: &host, surface: &surface, pinned: &[], round: &|_| {} };
+        let seen =
+            Host { mesh: &host, surface: &surface, pinned: &[], round: &|_| {}, original: None };
         let other = Codeword::new(&MarkKey::from_bytes([7; 32]), &message);
         let positions = embed(seen, &other, &params, &|| false).unwrap().positions;
         let marked = Mesh::new(positions, host.triangles().to_vec()).unwrap();

@@ -14,6 +14,10 @@ const MOST_STEPS: usize = 100;
 /// gives a bound.
 const FLAT: f64 = 1e-13;
 
+/// Products of factors between 1 and 2 are turned into logarithms beyond this (2^512), before they
+/// overflow.
+const LARGE: f64 = 1.340_780_792_994_259_7e154;
+
 /// `min over l > 0 of l d + sum ln((1 + exp(-l w)) / 2)`, for positive weights and `d > 0`.
 ///
 /// The slope `d - sum w / (exp(l w) + 1)` grows with `l`, ever more slowly, so that Newton's steps
@@ -22,16 +26,20 @@ pub(super) fn natural(weights: &[f64], d: f64) -> f64 {
     let total: f64 = weights.iter().sum();
     let (mut l, mut best) = (0.0, 0.0_f64);
     for _ in 0..MOST_STEPS {
-        let (mut product, mut slope, mut curvature) = (1.0, d, 0.0);
+        let (mut product, mut logarithms, mut slope, mut curvature) = (1.0, 0.0, d, 0.0);
         for &w in weights {
             let e = libm::exp(-l * w);
             let share = w * e / (1.0 + e);
             product *= 1.0 + e;
+            if product > LARGE {
+                logarithms += libm::log(product);
+                product = 1.0;
+            }
             slope -= share;
             curvature += share * w / (1.0 + e);
         }
-        // (A product that overflows, of more than a thousand weights, is infinite: no bound.)
-        best = best.min(l * d + libm::log(product) - weights.len() as f64 * LN_2);
+        let sum = logarithms + libm::log(product);
+        best = best.min(l * d + sum - weights.len() as f64 * LN_2);
         let next = l - slope / curvature;
         if slope >= -FLAT * total || !next.is_finite() {
             break;
@@ -48,3 +56,28 @@ pub fn log10_chernoff(weights: &[f64], t: f64) -> f64 {
     let tail = Tail::new(weights);
     tail.d(t).map_or(0.0, |d| natural(&tail.weights, d) * LOG10_E)
 }
+
+/// The least score whose Chernoff bound is at most `log10_bound`, to within a part in a million on the
+/// safe side: every score whose bound is lower is above it. `None` when there is none.
+///
+/// For scores of many weights, of which few are looked at more closely.
+#[must_use]
+pub fn least_chernoff_score(weights: &[f64], log10_bound: f64) -> Option<f64> {
+    let total: f64 = weights.iter().map(|w| w.abs()).sum();
+    if log10_bound >= 0.0 || !total.is_finite() {
+        return Some(0.0);
+    }
+    // Bounds fall as scores grow.
+    let (mut low, mut high) = (0.0, total);
+    if log10_chernoff(weights, high) > log10_bound {
+        return None;
+    }
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        if log10_chernoff(weights, middle) > log10_bound { low = middle } else { high = middle }
+    }
+    Some(low)
+}
+
+/// Halvings of the interval of scores: to a part in a million.
+const HALVINGS: usize = 20;

@@ -185,7 +185,8 @@ mod tests {
         let host = sample.mesh(12_000).unwrap();
         let surface = Surface::new(&host);
         let params = EmbedParams { method, bits: BitCount::default(), ..EmbedParams::default() };
-        let seen = Host { mesh: &host, surface: &surface, pinned: &[], round: &|_| {} };
+        let seen =
+            Host { mesh: &host, surface: &surface, pinned: &[], round: &|_| {}, original: None };
         let codewords: Vec<Codeword> = (1..=count + 1).map(codeword).collect();
         let of = |c: &Codeword| HostFilter::new(&host, c.lattice_class(), &params).unwrap();
         let filters: Vec<HostFilter> = codewords.iter().map(of).collect();
@@ -240,7 +241,13 @@ mod tests {
             let mut now = host.clone();
             for codeword in [&earlier, &later] {
                 let surface = Surface::new(&now);
-                let seen = Host { mesh: &now, surface: &surface, pinned: &[], round: &|_| {} };
+                let seen = Host {
+                    mesh: &now,
+                    surface: &surface,
+                    pinned: &[],
+                    round: &|_| {},
+                    original: None,
+                };
                 let marked = embed(seen, codeword, &params, &|| false).unwrap().positions;
                 now = Mesh::new(marked, now.triangles().to_vec()).unwrap();
             }

@@ -109,7 +109,8 @@ impl HostFilter {
         let frame = Frame::spanning(centre, &rho);
         let lattice = Lattice::new(&frame, class, params.bits)
             .ok_or(WatermarkError::NoRadialExtent { vertices: rho.len() })?;
-        let seen = Host { mesh: host, surface: &surface, pinned: &[], round: &|_| {} };
+        let seen =
+            Host { mesh: host, surface: &surface, pinned: &[], round: &|_| {}, original: None };
         let [zeros, ones] = [false, true].map(|bit| {
             let codeword = Codeword::uniform(class, params.bits, bit);
             let passes = Passes::new(seen, &codeword, params, stop);
@@ -319,7 +320,8 @@ mod tests {
         let params = EmbedParams { method, ..EmbedParams::default() };
         let message = Message::from_bits((0..64).map(|i| i * i % 7 < 3).collect()).unwrap();
         let codeword = Codeword::new(&MarkKey::from_bytes([5; 32]), &message);
-        let seen = Host { mesh: &host, surface: &surface, pinned: &[], round: &|_| {} };
+        let seen =
+            Host { mesh: &host, surface: &surface, pinned: &[], round: &|_| {}, original: None };
         let Embedding { positions, .. } = embed(seen, &codeword, &params, &|| false).unwrap();
         Marked { host, codeword, params, positions }
     }

@@ -9,7 +9,7 @@ const EFFORT: Effort = Effort { radius: 0.018, candidates: 4, centres: 2, lattic
 fn marked() -> (Mesh, Codeword) {
     let mesh = Sample::Blob.mesh(20_000).unwrap();
     let surface = Surface::new(&mesh);
-    let host = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &|_| {} };
+    let host = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &|_| {}, original: None };
     let message = Message::from_bytes(&[0xc5; 8], BitCount::default()).unwrap();
     let codeword = Codeword::new(&MarkKey::from_bytes([8; 32]), &message);
     let embedding = embed(host, &codeword, &EmbedParams::default(), &|| false).unwrap();

@@ -1,0 +1,163 @@
+//! The field of a host: which cells it has, which way its vertices move, and how far.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::cells::{AROUND, Cells, weights};
+use super::signs::Signs;
+use crate::mesh::sum::ordered_sum;
+use crate::mesh::surface::{Surface, doubled_area};
+use crate::mesh::turning::flipped_triangles;
+
+/// Side of a cell, as a share of the diagonal. Of 0.01, 0.0125, 0.015 and 0.02 at one distortion, finer
+/// cells read better from fragments and crowds, coarser ones from sparse meshes under strong
+/// simplification, and turn normals less (`benches/relief.rs`).
+pub const CELL: f64 = 0.0125;
+
+/// Halvings of the displacements at turned triangles before they are left where they were.
+const HALVINGS: usize = 6;
+
+/// What a host's mark is made of; follows from the surface alone.
+#[derive(Debug, Clone)]
+pub struct Field {
+    cells: Cells,
+    /// Length of the bounding box's diagonal.
+    diagonal: f64,
+    /// Unit normals of the vertices; zero where there is none.
+    normals: Vec<DVec3>,
+    /// Root mean square, over the surface and over all signs, of the distance that the surface moves
+    /// when every sign counts 1.
+    spread: f64,
+}
+
+/// Area-weighted unit normals; zero where they cancel.
+pub(super) fn vertex_normals(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<DVec3> {
+    let mut normals = vec![DVec3::ZERO; positions.len()];
+    for t in triangles {
+        let [a, b, c] = t.map(|v| positions[v as usize]);
+        let area = doubled_area(a, b, c);
+        for &v in t {
+            normals[v as usize] += area;
+        }
+    }
+    normals.par_iter_mut().with_min_len(4096).for_each(|n| *n = n.normalize_or_zero());
+    normals
+}
+
+impl Field {
+    /// Of a surface; `None` where it has no triangle, or no size that can be computed with.
+    #[must_use]
+    pub fn new(surface: &Surface) -> Option<Self> {
+        let (positions, triangles) = (&surface.positions, &surface.triangles);
+        let diagonal = surface.diagonal();
+        if triangles.is_empty() || !(1e-100..1e100).contains(&diagonal) {
+            return None;
+        }
+        let normals = vertex_normals(positions, triangles);
+        let cells = Cells::new(positions, CELL * diagonal);
+        let spread = spread(positions, triangles, &normals, &cells);
+        (spread > 0.0).then_some(Self { cells, diagonal, normals, spread })
+    }
+
+    /// How many signs a mark of this host has.
+    #[must_use]
+    pub fn signs(&self) -> usize {
+        self.cells.count()
+    }
+
+    /// Length of the bounding box's diagonal.
+    #[must_use]
+    pub fn diagonal(&self) -> f64 {
+        self.diagonal
+    }
+
+    pub(super) fn cells(&self) -> &Cells {
+        &self.cells
+    }
+
+    pub(super) fn normals(&self) -> &[DVec3] {
+        &self.normals
+    }
+
+    /// What one sign adds to the field of a mark of this amplitude, as a share of the diagonal.
+    pub(super) fn size(&self, amplitude: f64) -> f64 {
+        amplitude / self.spread
+    }
+
+    /// Where a mark puts the vertices of its host. `amplitude` is the root mean square distance that
+    /// the surface moves, as a share of the diagonal. Vertices of triangles that would turn over move
+    /// less, and `pinned` ones not at all; readers know neither.
+    #[must_use]
+    pub fn marked(
+        &self,
+        surface: &Surface,
+        signs: &Signs,
+        amplitude: f64,
+        pinned: &[bool],
+    ) -> Vec<DVec3> {
+        let size = self.size(amplitude) * self.diagonal;
+        let move_of = |(vertex, (p, n)): (usize, (&DVec3, &DVec3))| {
+            if pinned.get(vertex).copied().unwrap_or(false) {
+                return DVec3::ZERO;
+            }
+            let place = self.cells.place(*p);
+            let numbers = self.cells.numbers(&place).into_iter();
+            let field: f64 =
+                numbers.zip(weights(&place)).map(|(cell, weight)| weight * signs.sign(cell)).sum();
+            size * field * *n
+        };
+        let all = surface.positions.par_iter().zip(&self.normals).enumerate();
+        let mut moves: Vec<DVec3> = all.with_min_len(4096).map(move_of).collect();
+        for round in 0..=HALVINGS {
+            let moved = added(&surface.positions, &moves);
+            let turned = flipped_triangles(surface, &moved);
+            if turned.is_empty() {
+                return moved;
+            }
+            let less = if round < HALVINGS { 0.5 } else { 0.0 };
+            let mut corners: Vec<u32> =
+                turned.iter().flat_map(|&t| surface.triangles[t as usize]).collect();
+            corners.sort_unstable();
+            corners.dedup();
+            for vertex in corners {
+                moves[vertex as usize] *= less;
+            }
+        }
+        added(&surface.positions, &moves)
+    }
+}
+
+fn added(positions: &[DVec3], moves: &[DVec3]) -> Vec<DVec3> {
+    positions.iter().zip(moves).map(|(p, m)| *p + *m).collect()
+}
+
+/// Over the signs, `E u_k u_l = (n_k . n)(n_l . n) sum_c B_kc B_lc` for the distances `u` that two
+/// corners of a triangle with normal `n` move along it; over a triangle, the mean square of what
+/// lies between them is `(sum_k u_k^2 + sum_(k < l) u_k u_l) / 6`.
+fn spread(positions: &[DVec3], triangles: &[[u32; 3]], normals: &[DVec3], cells: &Cells) -> f64 {
+    let (squares, area) = ordered_sum(
+        triangles,
+        (0.0, 0.0),
+        |(squares, area), t| {
+            let [a, b, c] = t.map(|v| positions[v as usize]);
+            let across = doubled_area(a, b, c);
+            let normal = across.normalize_or_zero();
+            let places = [a, b, c].map(|p| cells.place(p));
+            let along = t.map(|v| normals[v as usize].dot(normal));
+            let all = places.map(|place| weights(&place));
+            let mut mean = 0.0;
+            for k in 0..3 {
+                for l in k..3 {
+                    let common = cells.common((&places[k], &all[k]), (&places[l], &all[l]));
+                    mean += along[k] * along[l] * common / 6.0;
+                }
+            }
+            let size = across.length();
+            (squares + size * mean, area + size)
+        },
+        |(s, a), (t, b)| (s + t, a + b),
+    );
+    (squares / area).max(0.0).sqrt()
+}
+
+const _: () = assert!(AROUND == 27);

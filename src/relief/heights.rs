@@ -1,0 +1,149 @@
+//! Where a suspect lies above its host: signed distances along the host's normals, of the suspect's
+//! vertices and of points spread over its triangles.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::field::vertex_normals;
+use super::host::ReliefHost;
+use crate::mesh::sampling::in_triangles;
+use crate::mesh::surface::{Surface, doubled_area};
+
+/// Least cosine between the normals of a suspect and of its host at one place.
+const ALIKE: f64 = 0.3;
+
+/// Most distance between suspect and host, as a share of the diagonal.
+const REACH: f64 = 0.012;
+
+/// A point of a suspect above its host.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Height {
+    /// Triangle of the host.
+    pub(super) triangle: u32,
+    /// Barycentric coordinates there.
+    pub(super) at: [f64; 3],
+    /// The foot, in the host's coordinates.
+    pub(super) foot: DVec3,
+    /// The host's normal there.
+    pub(super) normal: DVec3,
+    /// Height along the normal, as a share of the diagonal.
+    pub(super) height: f64,
+}
+
+/// Heights of one kind of points.
+pub(super) struct Heights {
+    pub(super) all: Vec<Height>,
+    /// What part of the points are of their own: of many points in one triangle each says less.
+    pub(super) distinct: f64,
+}
+
+/// The height of a point with a normal; `None` where the host is not there.
+fn height(host: &ReliefHost, p: DVec3, normal: DVec3) -> Option<Height> {
+    let foot = host.closest.footpoint(p);
+    let corners = host.surface.triangles[foot.triangle as usize];
+    let [a, b, c] = corners.map(|v| host.surface.positions[v as usize]);
+    let across = doubled_area(a, b, c).normalize_or_zero();
+    let off = p - foot.place;
+    let near = off.length() <= REACH * host.field.diagonal();
+    (near && across.dot(normal) > ALIKE).then(|| Height {
+        triangle: foot.triangle,
+        at: foot.weights,
+        foot: foot.place,
+        normal: across,
+        height: off.dot(across) / host.field.diagonal(),
+    })
+}
+
+/// Points of a suspect with the normals of its surface, in the host's coordinates.
+pub(super) struct Points {
+    pub(super) all: Vec<(DVec3, DVec3)>,
+    distinct: f64,
+}
+
+impl Points {
+    /// The carriers, of very many every so many.
+    fn at_vertices(suspect: &Surface, positions: &[DVec3], mirrored: bool) -> Self {
+        let side = if mirrored { -1.0 } else { 1.0 };
+        let normals = vertex_normals(positions, &suspect.triangles);
+        let step = positions.len().div_ceil(MOST).max(1);
+        let all = positions.iter().zip(&normals).step_by(step);
+        Self { all: all.map(|(p, n)| (*p, side * *n)).collect(), distinct: 1.0 }
+    }
+
+    /// Points on triangles, evenly by area: at most `most`, of a part as many as there would be on it in
+    /// the whole.
+    pub(super) fn in_triangles(
+        host: &ReliefHost,
+        suspect: &Surface,
+        positions: &[DVec3],
+        mirrored: bool,
+        most: usize,
+    ) -> Self {
+        let side = if mirrored { -1.0 } else { 1.0 };
+        let triangles = &suspect.triangles;
+        let count = count_in_triangles(host, positions, triangles).min(most);
+        let mut all = Vec::with_capacity(count);
+        in_triangles(positions, triangles, count, |t, p| {
+            let [a, b, c] = t.map(|v| positions[v as usize]);
+            all.push((p, side * doubled_area(a, b, c).normalize_or_zero()));
+        });
+        let distinct = triangles.len().min(all.len()) as f64 / all.len().max(1) as f64;
+        Self { all, distinct }
+    }
+}
+
+/// Heights of points; those where the host is not near, or faces another way, have none. `None` when
+/// stopped.
+pub(super) fn heights_of(
+    host: &ReliefHost,
+    points: &[(DVec3, DVec3)],
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Option<Vec<Height>> {
+    /// Points between two questions whether to stop.
+    const BLOCK: usize = 4096;
+    let of = |block: &[(DVec3, DVec3)]| {
+        let heights = block.iter().filter_map(|&(p, normal)| height(host, p, normal));
+        (!stop()).then(|| heights.collect::<Vec<Height>>())
+    };
+    let blocks: Option<Vec<Vec<Height>>> = points.par_chunks(BLOCK).map(of).collect();
+    Some(blocks?.concat())
+}
+
+/// At most so many points of each kind.
+const MOST: usize = 150_000;
+
+/// Points on triangles per face of a cell.
+const PER_CELL: f64 = 12.0;
+
+/// How many points to spread over triangles: by their area, the same for a part as it would be in the
+/// whole.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to MOST")]
+fn count_in_triangles(host: &ReliefHost, positions: &[DVec3], triangles: &[[u32; 3]]) -> usize {
+    let area: f64 = triangles
+        .iter()
+        .map(|t| {
+            let [a, b, c] = t.map(|v| positions[v as usize]);
+            0.5 * doubled_area(a, b, c).length()
+        })
+        .sum();
+    let side = host.field.cells().side();
+    (PER_CELL * area / (side * side)).clamp(0.0, MOST as f64) as usize
+}
+
+/// Heights of the vertices and of the triangles of a suspect whose carriers are at `positions`, in the
+/// host's coordinates. `mirrored` where that turned the surface inside out. `None` when stopped.
+pub(super) fn heights(
+    host: &ReliefHost,
+    suspect: &Surface,
+    positions: &[DVec3],
+    mirrored: bool,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Option<[Heights; 2]> {
+    let vertices = Points::at_vertices(suspect, positions, mirrored);
+    let inside = Points::in_triangles(host, suspect, positions, mirrored, MOST);
+    let of = |points: Points| {
+        let all = heights_of(host, &points.all, stop)?;
+        Some(Heights { all, distinct: points.distinct })
+    };
+    Some([of(vertices)?, of(inside)?])
+}

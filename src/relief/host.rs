@@ -1,0 +1,76 @@
+//! A host made ready for readings: its field, a tree for closest points, its smoothing displacements,
+//! and its vertices gathered into nodes.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::cells::{AROUND, Cells, weights};
+use super::field::Field;
+use super::smoothing::{ROUNDS, smoothing};
+use crate::mesh::closest::Closest;
+use crate::mesh::surface::Surface;
+
+/// A node: the vertices of the host in one part of a cell, which belong to the same cells. There are
+/// no more nodes than the surface has parts of cells, however many vertices it has.
+#[derive(Debug, Clone)]
+pub(super) struct Node {
+    pub(super) cells: [u32; AROUND],
+    /// Means over its vertices.
+    pub(super) weights: [f64; AROUND],
+}
+
+/// A host, ready for readings; made of the surface alone.
+pub struct ReliefHost {
+    pub(super) surface: Surface,
+    pub(super) field: Field,
+    pub(super) centre: DVec3,
+    pub(super) low: DVec3,
+    pub(super) node_of: Vec<u32>,
+    pub(super) nodes: Vec<Node>,
+    pub(super) closest: Closest,
+    /// Per vertex, how far rounds of smoothing move it along the normal, as shares of the diagonal.
+    pub(super) smoothed: Vec<[f32; ROUNDS.len()]>,
+}
+
+impl ReliefHost {
+    /// `None` where the surface has no [`Field`].
+    #[must_use]
+    pub fn new(surface: Surface) -> Option<Self> {
+        let field = Field::new(&surface)?;
+        let (node_of, nodes) = nodes(&surface.positions, field.cells());
+        let closest = Closest::new(&surface)?;
+        let smoothed = smoothing(&surface, field.normals(), field.diagonal());
+        let centre = surface.centre();
+        let low = surface.positions.iter().fold(DVec3::INFINITY, |low, &p| low.min(p));
+        Some(Self { surface, field, centre, low, node_of, nodes, closest, smoothed })
+    }
+
+    /// The host's field.
+    #[must_use]
+    pub fn field(&self) -> &Field {
+        &self.field
+    }
+}
+
+/// Per vertex its node, and the nodes in the order of their places.
+fn nodes(positions: &[DVec3], cells: &Cells) -> (Vec<u32>, Vec<Node>) {
+    let mut order: Vec<(u64, u32)> =
+        (0..).zip(positions).map(|(vertex, p)| (cells.part(&cells.place(*p)), vertex)).collect();
+    order.par_sort_unstable();
+    let mut node_of = vec![0; positions.len()];
+    let mut nodes: Vec<Node> = Vec::new();
+    for part in order.chunk_by(|a, b| a.0 == b.0) {
+        let number = u32::try_from(nodes.len()).unwrap_or(u32::MAX);
+        let mut node = Node { cells: [0; AROUND], weights: [0.0; AROUND] };
+        for &(_, vertex) in part {
+            let place = cells.place(positions[vertex as usize]);
+            node.cells = cells.numbers(&place);
+            for (sum, weight) in node.weights.iter_mut().zip(weights(&place)) {
+                *sum += weight / part.len() as f64;
+            }
+            node_of[vertex as usize] = number;
+        }
+        nodes.push(node);
+    }
+    (node_of, nodes)
+}

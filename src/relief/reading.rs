@@ -1,0 +1,197 @@
+//! What a suspect says of the signs of a host: one weight with a sign per cell, from suspect and host
+//! alone, against which the signs of any number of marks are scored.
+
+use glam::DVec3;
+
+use super::estimate::{Estimate, Sample, estimate};
+use super::heights::{Height, heights};
+use super::host::ReliefHost;
+use super::refine::refined;
+use super::regress::{Rest, regress};
+use super::signs::Signs;
+use crate::mesh::surface::Surface;
+use crate::watermark::{least_chernoff_score, log10_tail};
+
+/// Heights are clipped at so many local deviations.
+const CLIP: f64 = 3.0;
+
+/// Side of the boxes over which deviations are local, in cells.
+const BOX: f64 = 1.5;
+
+/// Cells say at most so many times what the median one says.
+const CAP: f64 = 3.0;
+
+/// A weight whose explained share is nearly 1 is divided by no less than the root of this.
+const LEAST_UNEXPLAINED: f64 = 1e-3;
+
+/// Samples fewer than this say nothing.
+const LEAST_SAMPLES: usize = 32;
+
+/// Cells that are scored at once.
+const NIBBLE: usize = 4;
+
+/// Signed weights, one per cell of the host.
+#[derive(Debug, Clone)]
+pub struct ReliefReading {
+    weights: Vec<f64>,
+    /// Per four cells, what each of their 16 patterns of signs adds to a score.
+    sums: Vec<[f64; 1 << NIBBLE]>,
+}
+
+impl ReliefReading {
+    /// Reads a suspect whose carriers lie at `positions`, in the host's coordinates; `mirrored` where
+    /// that turned the surface inside out. `amplitude` is that of the marks looked for, as a share of
+    /// the diagonal. `None` where the suspect is nowhere near the host, or `stop` said so.
+    #[must_use]
+    pub fn new(
+        host: &ReliefHost,
+        suspect: &Surface,
+        positions: &[DVec3],
+        mirrored: bool,
+        amplitude: f64,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Self> {
+        let positions = refined(host, suspect, positions, mirrored, stop)?;
+        let kinds = heights(host, suspect, &positions, mirrored, stop)?;
+        let mut samples: Vec<Sample<'_>> = Vec::new();
+        for kind in kinds.iter().filter(|kind| kind.all.len() >= LEAST_SAMPLES) {
+            let rest = regress(host, &kind.all);
+            samples.extend(weighted(host, &kind.all, &rest, kind.distinct));
+            if stop() {
+                return None;
+            }
+        }
+        if samples.is_empty() {
+            return None;
+        }
+        let size = host.field.size(amplitude);
+        let Estimate { values, explained } = estimate(host, &samples, size);
+        let weight = |(x, r): (&f64, f64)| x / size / (1.0 - r).max(LEAST_UNEXPLAINED).sqrt();
+        let weights = values.iter().zip(explained).map(weight).collect();
+        (!stop()).then(|| Self::weighted(weights))
+    }
+
+    /// Of weights before they are capped; what is no number counts as zero.
+    fn weighted(mut weights: Vec<f64>) -> Self {
+        for z in &mut weights {
+            *z = if z.is_finite() { *z } else { 0.0 };
+        }
+        cap(&mut weights);
+        let sums = weights
+            .chunks(NIBBLE)
+            .map(|four| {
+                std::array::from_fn(|pattern| {
+                    let signed =
+                        |(k, z): (usize, &f64)| if pattern >> k & 1 == 1 { *z } else { -z };
+                    four.iter().enumerate().map(signed).sum()
+                })
+            })
+            .collect();
+        Self { weights, sums }
+    }
+
+    /// One signed weight per cell; zero where nothing was read.
+    #[must_use]
+    pub fn signed_weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// `sum_c z_c s_c`.
+    #[must_use]
+    pub fn score(&self, signs: &Signs) -> f64 {
+        let halves = signs.bytes().flat_map(|byte| [byte & 15, byte >> 4]);
+        let both = self.sums.iter().zip(halves);
+        both.map(|(sums, half)| sums.get(usize::from(half)).copied().unwrap_or(0.0)).sum()
+    }
+
+    /// A score in standard deviations of that of fresh signs.
+    #[must_use]
+    pub fn deviations(&self, score: f64) -> f64 {
+        let squares: f64 = self.weights.iter().map(|z| z * z).sum();
+        score / squares.sqrt().max(f64::MIN_POSITIVE)
+    }
+
+    /// Cells that were read, and those of them whose sign agrees.
+    #[must_use]
+    pub fn agreeing(&self, signs: &Signs) -> (usize, usize) {
+        let read = (0..).zip(&self.weights).filter(|(_, z)| **z != 0.0);
+        let count = |(read, agreeing), (cell, z): (u32, &f64)| {
+            (read + 1, agreeing + usize::from(*z * signs.sign(cell) > 0.0))
+        };
+        read.fold((0, 0), count)
+    }
+
+    /// log10 of a bound on the probability of this score or more for fresh signs.
+    #[must_use]
+    pub fn log10_bound(&self, score: f64) -> f64 {
+        log10_tail(&self.weights, score)
+    }
+
+    /// A score below which no bound is below `log10_bound`; `None` where no score reaches that.
+    #[must_use]
+    pub fn least_score(&self, log10_bound: f64) -> Option<f64> {
+        // The bound of few weights is the exact tail's, which is lower than Chernoff's by less.
+        const EXACT: f64 = 3.0;
+        least_chernoff_score(&self.weights, (log10_bound + EXACT).min(0.0))
+    }
+}
+
+fn cap(weights: &mut [f64]) {
+    let mut sizes: Vec<f64> = weights.iter().map(|z| z.abs()).filter(|&z| z > 0.0).collect();
+    if sizes.is_empty() {
+        return;
+    }
+    let middle = sizes.len() / 2;
+    let most = CAP * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+    for z in weights {
+        *z = z.clamp(-most, most);
+    }
+}
+
+/// Heights clipped, with weights from the spread of those around them.
+fn weighted<'a>(
+    host: &ReliefHost,
+    all: &'a [Height],
+    rest: &Rest,
+    distinct: f64,
+) -> Vec<Sample<'a>> {
+    /// A median of sizes is so many deviations, a mean of sizes the inverse of the second number.
+    const MEDIAN: f64 = 0.67;
+    const MEAN: f64 = 1.25;
+    /// Points of the overall deviation that every box has beforehand.
+    const BEFOREHAND: f64 = 4.0;
+    let side = BOX * host.field.cells().side();
+    let low = host.low - DVec3::splat(side);
+    let mut order: Vec<(u64, u32)> =
+        (0..).zip(all).map(|(k, of)| (box_of(of.foot, low, side), k)).collect();
+    order.sort_unstable();
+    let deviation = rest.deviation;
+    let mut samples: Vec<Sample<'a>> = Vec::with_capacity(all.len());
+    for same in order.chunk_by(|a, b| a.0 == b.0) {
+        let size =
+            |&(_, k): &(u64, u32)| rest.heights[k as usize].abs().min(2.0 * CLIP * deviation);
+        let sum: f64 = same.iter().map(size).sum();
+        let count = same.len() as f64 + BEFOREHAND;
+        let local = MEAN * (sum + BEFOREHAND * MEDIAN * deviation) / count;
+        let weight = distinct / (local * local + EXACT * EXACT);
+        for &(_, k) in same {
+            let height = rest.heights[k as usize].clamp(-CLIP * local, CLIP * local);
+            samples.push(Sample { of: &all[k as usize], height, weight });
+        }
+    }
+    samples
+}
+
+/// Heights are not trusted to be more exact than this, as a share of the diagonal: a single-precision
+/// coordinate of a file.
+const EXACT: f64 = 1e-7;
+
+/// The name of the box of this side that a point lies in.
+fn box_of(p: DVec3, low: DVec3, side: f64) -> u64 {
+    let at = ((p - low) / side).floor().as_ivec3();
+    let axis = |x: i32| u64::from(u32::try_from(x.max(0)).unwrap_or(0)) & 0x1f_ffff;
+    axis(at.x) << 42 | axis(at.y) << 21 | axis(at.z)
+}
+
+#[cfg(test)]
+mod tests;
