@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use quadmark::blobs::marked::pack;
 use quadmark::formats::Limits;
-use quadmark::marking::{MarkRequest, mark};
+use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message};
 use sha2::{Digest, Sha256};
@@ -43,6 +43,8 @@ fn main() {
         params,
         limits: Limits::default(),
         stop: &|| false,
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: 16 << 20,
     };
     println!(

@@ -18,7 +18,7 @@ use std::time::Instant;
 
 use attacks::ATTACKS;
 use quadmark::formats::{Asset, Limits};
-use quadmark::marking::{MarkRequest, mark};
+use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
@@ -141,6 +141,8 @@ fn main() {
                         params: EmbedParams { method, ..EmbedParams::default() },
                         limits,
                         stop: &|| false,
+                        layers: Layers::Blind,
+                        amplitude: Amplitude::default(),
                         independent_check_max_bytes: 0,
                     };
                     let bytes = mark(&host, &request).unwrap().bytes;

@@ -13,7 +13,7 @@
 #![allow(clippy::pedantic)]
 
 use quadmark::formats::Limits;
-use quadmark::marking::{MarkRequest, mark};
+use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::watermark::{EmbedParams, MarkKey, Message, Strength};
 
 /// The coordinates of all `v` lines, by a reader of its own. (No file here continues lines.)
@@ -70,6 +70,8 @@ fn main() {
         },
         limits: Limits::default(),
         stop: &|| false,
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: 0,
     };
     println!("file changed more% mrms rounds margin growth method");

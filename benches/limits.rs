@@ -16,7 +16,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use quadmark::formats::Limits;
-use quadmark::marking::{MarkError, MarkRequest, MaxDistortion, mark_within};
+use quadmark::marking::{Amplitude, Layers, MarkError, MarkRequest, MaxDistortion, mark_within};
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
     BitCount, EmbedParams, MarkKey, Message, Method, Strength, WatermarkError,
@@ -143,6 +143,8 @@ fn measure(host: &[u8], limit: f64, options: &Options) -> Sum {
             params: EmbedParams { method: options.method, bits, ..EmbedParams::default() },
             limits: Limits::default(),
             stop: &|| false,
+            layers: Layers::Blind,
+            amplitude: Amplitude::default(),
             independent_check_max_bytes: 0,
         };
         let limit = MaxDistortion::new(limit).unwrap();

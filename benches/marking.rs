@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use criterion::Criterion;
 use quadmark::formats::{Agreement, Format, Limits, agrees};
-use quadmark::marking::{MarkRequest, extract_file, mark};
+use quadmark::marking::{Amplitude, Layers, MarkRequest, extract_file, mark};
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Modulation};
 
@@ -56,6 +56,8 @@ fn main() {
         limits: Limits::default(),
         stop: &|| false,
         // As the service does by default: larger files are not opened in another reader.
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: 16 << 20,
     };
     let marked = mark(&host, &request(Method::QspMean)).unwrap();

@@ -11,7 +11,7 @@
 
 use glam::DVec3;
 use quadmark::formats::{Asset, Limits};
-use quadmark::marking::{MarkRequest, mark};
+use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
@@ -104,6 +104,8 @@ fn main() {
                     },
                     limits,
                     stop: &|| false,
+                    layers: Layers::Blind,
+                    amplitude: Amplitude::default(),
                     independent_check_max_bytes: 0,
                 };
                 let bytes = mark(&host, &request).unwrap().bytes;

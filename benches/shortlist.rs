@@ -15,7 +15,7 @@ use std::time::Instant;
 
 use glam::{DQuat, DVec3};
 use quadmark::formats::{Asset, Limits};
-use quadmark::marking::{MarkRequest, mark};
+use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
 use quadmark::registration::outline::{BYTES, Outline};
@@ -76,6 +76,8 @@ fn marked(host: &[u8]) -> Option<Mesh> {
         params: EmbedParams::default(),
         limits: Limits::default(),
         stop: &|| false,
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: 0,
     };
     let bytes = mark(host, &request).ok()?.bytes;

@@ -5,7 +5,7 @@
 //!
 //! ```
 //! use quadmark::formats::{Asset, Limits};
-//! use quadmark::marking::{MarkRequest, mark};
+//! use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 //! use quadmark::mesh::Mesh;
 //! use quadmark::sample::{Sample, to_obj};
 //! use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, extract};
@@ -24,6 +24,8 @@
 //!         params,
 //!         limits: Limits::default(),
 //!         stop: &|| false,
+//!         layers: Layers::Blind,
+//!         amplitude: Amplitude::default(),
 //!         independent_check_max_bytes: 16 << 20,
 //!     },
 //! )?;

@@ -5,8 +5,11 @@
 //! parsed again from nothing, extracted blindly and compared, and independent readers must find
 //! the same topology as in the host.
 
+mod check;
 mod fit;
 mod inspect;
+mod layers;
+mod make;
 mod within;
 
 use serde::{Serialize, Serializer};
@@ -14,15 +17,16 @@ use serde::{Serialize, Serializer};
 use crate::formats::{Agreement, Asset, Format, FormatError, Limits, Written, agrees_until};
 use crate::mesh::Mesh;
 use crate::mesh::quality::{Quality, quality_until};
-use crate::mesh::stop::Stop;
 use crate::mesh::surface::Surface;
 use crate::watermark::{
-    BitCount, Codeword, EmbedParams, Embedding, Extraction, Frame, Host, MarkKey, Message, Method,
-    Modulation, Strength, WatermarkError, embed, extract_from_surface, extract_until, needed_bins,
+    BitCount, EmbedParams, Extraction, Frame, MarkKey, Message, Method, Modulation, Strength,
+    WatermarkError, extract_from_surface,
 };
 
 pub use inspect::{Inspection, inspect, inspect_asset, inspect_asset_until};
-use within::{Fitted, Whose};
+pub use layers::{Amplitude, Layers};
+use make::{Made, Maker, relief_within};
+use within::Fitted;
 pub use within::{MOST_STRENGTHS, MaxDistortion};
 
 /// Why a file was not marked.
@@ -34,6 +38,17 @@ pub enum MarkError {
     /// The mesh cannot be marked.
     #[error(transparent)]
     Watermark(#[from] WatermarkError),
+    /// The mesh has too few vertices for a relief.
+    #[error(
+        "the mesh is too small to carry a relief: read from the marked file itself, its bound would be \
+         1e{log10:.0}, and 1e{needed:.0} is needed; use a mesh with more vertices"
+    )]
+    ReliefTooSmall {
+        /// log10 of the bound that was read back.
+        log10: f64,
+        /// What it must be below.
+        needed: f64,
+    },
     /// The marked file failed its check. It was thrown away.
     #[error("the marked file failed its check and was thrown away: {0}")]
     Check(String),
@@ -58,8 +73,12 @@ pub struct MarkRequest<'a> {
     pub key: &'a MarkKey,
     /// The message; its length must be `params.bits`.
     pub message: &'a Message,
-    /// Method, strength, bits, loop.
+    /// Method, strength, bits, loop: the blind layer's.
     pub params: EmbedParams,
+    /// Which layers to make.
+    pub layers: Layers,
+    /// How far a relief moves the surface.
+    pub amplitude: Amplitude,
     /// Limits of the parser.
     pub limits: Limits,
     /// Asked between stages and within them; `true` gives up with [`WatermarkError::Cancelled`].
@@ -92,7 +111,10 @@ pub struct MarkReport {
     pub triangles: usize,
     /// Distinct points that a triangle with area uses.
     pub carriers: usize,
-    /// Bins that read their bit blindly from the written file.
+    /// The layers that the written file has: without the blind one where the mesh cannot carry it,
+    /// without the relief where the file's coordinates are too coarse for it.
+    pub layers: Layers,
+    /// Bins that read their bit blindly from the written file; 0 without a blind layer.
     pub usable_bins: usize,
     /// Bins with too few vertices to carry a bit.
     pub erasures: usize,
@@ -103,6 +125,9 @@ pub struct MarkReport {
     /// The strength used.
     #[serde(serialize_with = "number")]
     pub strength: Strength,
+    /// How far the relief moves the surface; none without one.
+    #[serde(serialize_with = "optional_number")]
+    pub amplitude: Option<Amplitude>,
     /// Strengths that this codeword was tried with and that distorted too much: what was chosen among
     /// them is chosen by the codeword.
     pub refused_strengths: u32,
@@ -118,6 +143,11 @@ pub struct MarkReport {
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
 fn number<S: Serializer>(strength: &Strength, to: S) -> Result<S::Ok, S::Error> {
     to.serialize_f64(strength.get())
+}
+
+#[expect(clippy::ref_option, reason = "serde's signature")]
+fn optional_number<S: Serializer>(amplitude: &Option<Amplitude>, to: S) -> Result<S::Ok, S::Error> {
+    amplitude.map(Amplitude::get).serialize(to)
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
@@ -142,16 +172,14 @@ pub fn mark_asset(
     host: &[u8],
     request: &MarkRequest<'_>,
 ) -> Result<Marked, MarkError> {
-    mark_by(asset, host, request, |attempt| {
-        let made = attempt(Whose::Own, request.params.strength)?;
-        Ok(Fitted { made, refused_strengths: 0 })
-    })
+    mark_by(asset, host, request, |maker| maker.exactly(request.params.strength))
 }
 
 /// Marks a file about as strongly as it can without distorting it by more than `limit`, at most
 /// `strongest`; begins at the request's strength. The strength follows from the host, not from the
-/// codeword, as far as that can be (`within`). [`MarkReport::strength`] is what was found:
-/// [`mark`] with it makes the same bytes.
+/// codeword, as far as that can be (`within`). A relief gets its share of `limit` first; the request's
+/// amplitude is not used. [`MarkReport::strength`] and [`MarkReport::amplitude`] are what was found:
+/// [`mark`] with them makes the same bytes.
 ///
 /// # Errors
 /// [`MarkError`], of which [`MarkError::DistortionUnreachable`] when even the weakest mark distorts
@@ -176,116 +204,60 @@ pub fn mark_asset_within(
     limit: MaxDistortion,
     strongest: Strength,
 ) -> Result<Marked, MarkError> {
+    let amplitude = if request.layers.has_relief() {
+        relief_within(limit).map_err(MarkError::Check)?
+    } else {
+        request.amplitude
+    };
+    let request = &MarkRequest { amplitude, ..*request };
     let start = request.params.strength;
-    mark_by(asset, host, request, |attempt| {
-        within::strongest_within(limit, start, strongest, |whose, strength| {
-            attempt(whose, strength).map(|made| (made.quality.mrms, made))
-        })
-    })
+    mark_by(asset, host, request, |maker| maker.within(limit, start, strongest))
 }
 
-/// An embedding, with what it does to the surface.
-struct Made {
-    embedding: Embedding,
-    quality: Quality,
-    strength: Strength,
-    /// The step of coordinates that it was rounded with.
-    step: f64,
-}
-
-/// How coarse the steps of written coordinates may be, as a share of how far a mark moves the
-/// statistic of a bin (its strength times the bin's width). Moves of less than half a step are lost to
-/// rounding, and the closed loop makes up for them elsewhere. `benches/decimals.rs` shows what coarser
-/// and finer steps cost.
-const STEP: f64 = 0.02;
-
-/// Makes an embedding of a codeword with a strength.
-type Attempt<'a> = dyn Fn(Whose, Strength) -> Result<Made, MarkError> + 'a;
-
-/// Marks a file by the embedding that `choose` settles for, given a way to make one.
+/// Marks a file by what `choose` has made.
 fn mark_by(
     asset: Asset,
     host: &[u8],
     request: &MarkRequest<'_>,
-    choose: impl FnOnce(&Attempt<'_>) -> Result<Fitted<Made>, MarkError>,
+    choose: impl FnOnce(&Maker<'_>) -> Result<Fitted<Made>, MarkError>,
 ) -> Result<Marked, MarkError> {
-    let MarkRequest { key, message, params, stop, .. } = *request;
-    let cancelled = || if stop() { Err(WatermarkError::Cancelled) } else { Ok(()) };
+    let cancelled = || if (request.stop)() { Err(WatermarkError::Cancelled) } else { Ok(()) };
     cancelled()?;
-    let codeword = Codeword::new(key, message);
-    let probes = within::PROBES.map(|number| Codeword::probe(params.bits, number));
-    let (bytes, fitted, carriers) = {
-        let surface = Surface::new_until(asset.mesh(), stop).ok_or(WatermarkError::Cancelled)?;
-        let with_step = |whose, strength, step| {
-            let codeword = match whose {
-                Whose::Own => &codeword,
-                Whose::Probe(place) => &probes[place],
-            };
-            let round = |positions: &mut [glam::DVec3]| {
-                asset.with_step(step).round_until(positions, stop);
-            };
-            let (mesh, surface, pinned) = (asset.mesh(), &surface, asset.pinned());
-            let seen = Host { mesh, surface, pinned, round: &round, original: None };
-            let embedding = embed(seen, codeword, &EmbedParams { strength, ..params }, stop)?;
-            let quality = quality_of(surface, &embedding.positions, stop)?;
-            Ok(Made { embedding, quality, strength, step })
-        };
-        let width = bin_width(&surface, params.bits, stop).ok_or(WatermarkError::Cancelled)?;
-        let fitted = choose(&|whose, strength| {
-            let step = STEP * strength.get() * width;
-            match with_step(whose, strength, step) {
-                // Nothing is refused for the sake of decimals.
-                Err(MarkError::Watermark(WatermarkError::InsufficientCapacity { .. }))
-                    if asset.is_coarse(step) =>
-                {
-                    with_step(whose, strength, 0.0)
-                }
-                made => made,
-            }
-        })?;
-        let made = &fitted.made;
-        let stepped = asset.with_step(made.step);
-        let written = stepped.write_until(host, &made.embedding.positions, stop)?;
-        (written, fitted, surface.positions.len())
-    };
-    let Written { bytes, more_decimals } = bytes;
-    let Fitted { made: Made { embedding, quality, strength, .. }, refused_strengths } = fitted;
+    let maker = Maker::new(&asset, request)?;
+    let Fitted { made, refused_strengths } = choose(&maker)?;
+    let Written { bytes, more_decimals } =
+        asset.with_step(made.step).write_until(host, &made.placed.positions, request.stop)?;
+    cancelled()?;
+    let layers = maker.read_back(&bytes, &made)?;
     cancelled()?;
     let format = asset.format();
-    if params.closed_loop {
-        check(&bytes, &embedding.positions, request)?;
-        cancelled()?;
-    }
     if bytes.len() <= request.independent_check_max_bytes
-        && let Agreement::Differs(reason) = agrees_until(format, host, &bytes, stop)
+        && let Agreement::Differs(reason) = agrees_until(format, host, &bytes, request.stop)
     {
         cancelled()?;
         return Err(MarkError::Check(reason));
     }
     cancelled()?;
+    let blind = made.placed.embedding.as_ref();
+    let usable_bins = blind.map_or(0, |blind| blind.usable_bins);
     let report = MarkReport {
         vertices: asset.mesh().positions().len(),
         triangles: asset.mesh().triangles().len(),
-        carriers,
-        usable_bins: embedding.usable_bins,
-        erasures: codeword.bits().len() - embedding.usable_bins,
-        smallest_margin: embedding.smallest_margin,
-        rounds: embedding.rounds,
-        strength,
+        carriers: maker.carriers(),
+        layers,
+        usable_bins,
+        erasures: request.params.bits.get() - usable_bins,
+        smallest_margin: blind.map_or(0.0, |blind| blind.smallest_margin),
+        rounds: blind.map_or(0, |blind| blind.rounds),
+        strength: made.strength,
+        amplitude: layers.has_relief().then_some(request.amplitude),
         refused_strengths,
-        method_used: embedding.method,
-        quality,
+        method_used: blind.map_or(request.params.method, |blind| blind.method),
+        quality: made.placed.quality,
         more_decimals,
     };
-    let host_frame = embedding.host_frame;
+    let host_frame = maker.host_frame(&made);
     Ok(Marked { bytes, format, host: asset.into_mesh(), host_frame, report })
-}
-
-/// Width of a bin in the host's own frame; `None` once `stop` answers `true`.
-fn bin_width(surface: &Surface, bits: BitCount, stop: Stop<'_>) -> Option<f64> {
-    let centre = surface.centre_until(stop)?;
-    let norms = crate::watermark::bins::norms(&surface.positions, centre);
-    Some(Frame::spanning(centre, &norms).radial_extent() / bits.get() as f64)
 }
 
 /// Measures positions of file vertices, as they will be written, against the host.
@@ -303,41 +275,6 @@ fn quality_of(
             MarkError::Check("what it does to the surface cannot be measured".into())
         }
     })
-}
-
-/// Reads the written bytes as a stranger would and compares with what was meant.
-fn check(
-    bytes: &[u8],
-    positions: &[glam::DVec3],
-    request: &MarkRequest<'_>,
-) -> Result<(), MarkError> {
-    let stop = request.stop;
-    let again = Asset::read_until(bytes, &request.limits, stop)?;
-    if again.mesh().positions() != positions {
-        return Err(MarkError::Check("the positions differ from those that were written".into()));
-    }
-    let params = &request.params;
-    let surface = Surface::new_until(again.mesh(), stop).ok_or(WatermarkError::Cancelled)?;
-    let modulation = params.method.modulation();
-    let found = extract_until(&surface, request.key, params.bits, modulation, stop)?;
-    let wanted = request.message.bits();
-    let wrong =
-        found.bits.iter().zip(wanted).filter(|(read, meant)| read.is_some_and(|b| b != **meant));
-    let (wrong, read) = (wrong.count(), found.bits.iter().flatten().count());
-    if wrong > 0 || read < needed_bins(wanted.len()) {
-        let (vertices, bits) = (surface.positions.len(), wanted.len());
-        return Err(WatermarkError::InsufficientCapacity {
-            usable: read - wrong,
-            needed: needed_bins(bits).max(read),
-            bits,
-            vertices,
-            in_bins: found.counts.iter().sum(),
-            least_count: found.counts.iter().copied().min().unwrap_or(0),
-            reason: "some bits do not survive being written to the file",
-        }
-        .into());
-    }
-    Ok(())
 }
 
 /// Reads a message blindly from a file.

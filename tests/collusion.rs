@@ -4,7 +4,7 @@
 
 use glam::DVec3;
 use quadmark::formats::{Asset, Limits};
-use quadmark::marking::{MarkRequest, mark};
+use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{BitCount, Codeword, EmbedParams, MarkKey, Message, Suspect};
@@ -24,6 +24,8 @@ fn copy(host: &[u8], seed: u8) -> (Mesh, Codeword) {
         params: EmbedParams { bits, ..EmbedParams::default() },
         limits: Limits::default(),
         stop: &|| false,
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: 0,
     };
     let bytes = mark(host, &request).unwrap().bytes;

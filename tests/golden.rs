@@ -19,7 +19,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use quadmark::formats::{Asset, Format, Limits};
-use quadmark::marking::{MarkRequest, Marked, MaxDistortion, extract_file, mark, mark_within};
+use quadmark::marking::{
+    Amplitude, Layers, MarkRequest, Marked, MaxDistortion, extract_file, mark, mark_within,
+};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
 use quadmark::sample::{Sample, to_glb, to_obj};
@@ -85,6 +87,8 @@ fn marked_bytes(host: &[u8], method: Method) -> Vec<u8> {
         params: EmbedParams { method, strength, bits, closed_loop: true },
         limits: Limits::default(),
         stop: &|| false,
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: usize::MAX,
     };
     mark(host, &request).unwrap().bytes
@@ -136,6 +140,8 @@ fn marked(
         params,
         limits: Limits::default(),
         stop: &|| false,
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: 0,
     };
     let marked = by(&host, &request);

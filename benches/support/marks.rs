@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "not every benchmark uses everything")]
 
 use quadmark::formats::{Asset, Limits};
-use quadmark::marking::{MarkError, MarkRequest, mark};
+use quadmark::marking::{Amplitude, Layers, MarkError, MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message};
@@ -31,6 +31,8 @@ pub fn marked(
         params,
         limits: Limits::default(),
         stop: &|| false,
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: 0,
     };
     mark(file, &request).map(|marked| marked.bytes)

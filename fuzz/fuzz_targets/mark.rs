@@ -4,7 +4,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use quadmark::formats::Limits;
-use quadmark::marking::{MarkError, MarkRequest, extract_file, inspect, mark};
+use quadmark::marking::{Amplitude, Layers, MarkError, MarkRequest, extract_file, inspect, mark};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength};
 
 fuzz_target!(|bytes: &[u8]| {
@@ -23,6 +23,8 @@ fuzz_target!(|bytes: &[u8]| {
         params,
         limits,
         stop: &|| false,
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: 0,
     };
     let _ = inspect(host, &params, &limits);

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use quadmark::marking::{MarkRequest, MaxDistortion, mark, mark_within};
+use quadmark::marking::{Amplitude, Layers, MarkRequest, MaxDistortion, mark, mark_within};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength};
 use serde_json::json;
 
@@ -60,6 +60,8 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         },
         limits: limits(),
         stop: &|| false,
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: 16 << 20,
     };
     let marked = match arguments.max_distortion {

@@ -135,6 +135,7 @@ impl From<ServiceError> for ApiError {
             ServiceError::Format(error) => format_code(error),
             ServiceError::FormatNotTaken(_) => Code::NotAcceptable,
             ServiceError::Watermark(error) => watermark_code(error),
+            ServiceError::TooSmall(_) => Code::InsufficientCapacity,
             ServiceError::DistortionUnreachable(_) => Code::DistortionUnreachable,
             ServiceError::UnknownWatermark(_) => Code::UnknownWatermark,
             ServiceError::UnknownVerification(_) => Code::UnknownVerification,

@@ -10,7 +10,9 @@ use super::random::Random;
 use super::row::Row;
 use super::run::Subject;
 use crate::formats::{Asset, Limits};
-use crate::marking::{MarkError, MarkReport, MarkRequest, MaxDistortion, mark, mark_within};
+use crate::marking::{
+    Amplitude, Layers, MarkError, MarkReport, MarkRequest, MaxDistortion, mark, mark_within,
+};
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
 use crate::watermark::{Codeword, EmbedParams, Frame, MarkKey, Message, WatermarkError};
@@ -153,6 +155,8 @@ impl Trial<'_> {
             params,
             limits,
             stop,
+            layers: Layers::Blind,
+            amplitude: Amplitude::default(),
             independent_check_max_bytes,
         };
         let host = &self.subject.bytes;

@@ -82,19 +82,35 @@ pub(super) struct Fitted<T> {
     pub(super) refused_strengths: u32,
 }
 
-/// An embedding of the own codeword that stays within `limit`, about as strong as the host allows, at
+/// How much marks may distort.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Room {
+    /// What the own mark may, all in all.
+    pub(super) limit: MaxDistortion,
+    /// What is left of it for the probes, which are measured without a relief.
+    pub(super) left: f64,
+}
+
+impl Room {
+    /// All of a limit.
+    pub(super) fn whole(limit: MaxDistortion) -> Self {
+        Self { limit, left: limit.get() }
+    }
+}
+
+/// An embedding of the own codeword that stays within the limit, about as strong as the host allows, at
 /// most `strongest`, beginning at `start`. `attempt` answers with an embedding's MRMS and the
 /// embedding.
 ///
 /// # Errors
 /// [`MarkError::DistortionUnreachable`] when none does; what `attempt` says.
 pub(super) fn strongest_within<T>(
-    limit: MaxDistortion,
+    Room { limit, left }: Room,
     start: Strength,
     strongest: Strength,
     mut attempt: impl FnMut(Whose, Strength) -> Result<(f64, T), MarkError>,
 ) -> Result<Fitted<T>, MarkError> {
-    let allowed = SHARE * limit.get();
+    let allowed = SHARE * left;
     let mut order = std::array::from_fn(|place| place);
     let worst = |strength| {
         worst_probe(allowed, &mut order, |place| {
@@ -103,7 +119,7 @@ pub(super) fn strongest_within<T>(
     };
     let mut wanted = match fitted(allowed, start, strongest, worst) {
         // The own codeword may do what the probes nearly do.
-        Err(MarkError::DistortionUnreachable { least, .. }) if least <= limit.get() => LEAST,
+        Err(MarkError::DistortionUnreachable { least, .. }) if least <= left => LEAST,
         Err(MarkError::DistortionUnreachable { least, .. }) => {
             return Err(MarkError::DistortionUnreachable { limit: limit.get(), least });
         }
@@ -176,11 +192,16 @@ mod tests {
         let limit = MaxDistortion::new(1e-4).unwrap();
         let mut by_tries = std::collections::BTreeMap::new();
         for own in [0.7, 0.9, 1.0, 1.2, 1.25, 1.26, 1.3, 1.36, 1.4, 1.5, 1.6, 1.8, 2.0] {
-            let found = strongest_within(limit, strength(0.1), Strength::MAX, |whose, strength| {
-                let alpha = strength.get();
-                let of = if whose == Whose::Own { own } else { 1.0 };
-                Ok((of * alpha * 1e-3, alpha))
-            });
+            let found = strongest_within(
+                Room::whole(limit),
+                strength(0.1),
+                Strength::MAX,
+                |whose, strength| {
+                    let alpha = strength.get();
+                    let of = if whose == Whose::Own { own } else { 1.0 };
+                    Ok((of * alpha * 1e-3, alpha))
+                },
+            );
             let Fitted { made: alpha, refused_strengths } = found.unwrap();
             assert!(own * alpha * 1e-3 <= limit.get(), "{own}: the limit is passed");
             let known = *by_tries.entry(refused_strengths).or_insert(alpha);
@@ -188,10 +209,15 @@ mod tests {
             assert!((refused_strengths == 0) == (own <= 1.25), "{own}: {refused_strengths}");
         }
         assert!(by_tries.len() > 3);
-        let found = strongest_within(limit, strength(0.1), Strength::MAX, |whose, strength| {
-            let of = if whose == Whose::Own { 9.0 } else { 1.0 };
-            Ok((of * strength.get() * 1e-3, ()))
-        });
+        let found = strongest_within(
+            Room::whole(limit),
+            strength(0.1),
+            Strength::MAX,
+            |whose, strength| {
+                let of = if whose == Whose::Own { 9.0 } else { 1.0 };
+                Ok((of * strength.get() * 1e-3, ()))
+            },
+        );
         assert!(matches!(found, Err(MarkError::DistortionUnreachable { .. })), "{found:?}");
     }
 

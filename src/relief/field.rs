@@ -100,11 +100,7 @@ impl Field {
             if pinned.get(vertex).copied().unwrap_or(false) {
                 return DVec3::ZERO;
             }
-            let place = self.cells.place(*p);
-            let numbers = self.cells.numbers(&place).into_iter();
-            let field: f64 =
-                numbers.zip(weights(&place)).map(|(cell, weight)| weight * signs.sign(cell)).sum();
-            size * field * *n
+            size * self.value(*p, signs) * *n
         };
         let all = surface.positions.par_iter().zip(&self.normals).enumerate();
         let mut moves: Vec<DVec3> = all.with_min_len(4096).map(move_of).collect();
@@ -124,6 +120,53 @@ impl Field {
             }
         }
         added(&surface.positions, &moves)
+    }
+}
+
+/// What share of a mark's displacements is in a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Share {
+    /// 1 where all of it is, 0 where none is.
+    pub value: f64,
+    /// Its standard deviation, where whatever else moved the vertices is independent noise.
+    pub uncertainty: f64,
+}
+
+impl Field {
+    /// What share of a mark the carriers at `moved` have: least squares along the normals.
+    #[must_use]
+    pub fn share_of(
+        &self,
+        surface: &Surface,
+        moved: &[DVec3],
+        signs: &Signs,
+        amplitude: f64,
+    ) -> Share {
+        let size = self.size(amplitude) * self.diagonal;
+        let all: Vec<usize> = (0..surface.positions.len().min(moved.len())).collect();
+        let pair = |&v: &usize| {
+            let (p, n) = (surface.positions[v], self.normals[v]);
+            (size * self.value(p, signs) * n.length(), (moved[v] - p).dot(n))
+        };
+        let sums = ordered_sum(
+            &all,
+            DVec3::ZERO,
+            |sums, v| {
+                let (meant, found) = pair(v);
+                sums + DVec3::new(meant * meant, meant * found, found * found)
+            },
+            |a, b| a + b,
+        );
+        let value = sums.y / sums.x;
+        let noise = (sums.z - value * sums.y).max(0.0) / all.len().max(1) as f64;
+        Share { value, uncertainty: (noise / sums.x).sqrt() }
+    }
+
+    /// The field at a point of the host.
+    fn value(&self, p: DVec3, signs: &Signs) -> f64 {
+        let place = self.cells.place(p);
+        let numbers = self.cells.numbers(&place).into_iter();
+        numbers.zip(weights(&place)).map(|(cell, weight)| weight * signs.sign(cell)).sum()
     }
 }
 

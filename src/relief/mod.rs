@@ -18,7 +18,7 @@ mod regress;
 mod signs;
 mod smoothing;
 
-pub use field::{CELL, Field};
+pub use field::{CELL, Field, Share};
 pub use host::ReliefHost;
 pub use reading::ReliefReading;
 pub use signs::Signs;

@@ -22,7 +22,8 @@ use crate::formats::{Asset, Format, sniff};
 use crate::jobs::{JobError, Stop};
 use crate::keys::random_bytes;
 use crate::marking::{
-    MOST_STRENGTHS, MarkReport, MarkRequest, Marked, MaxDistortion, mark_asset, mark_asset_within,
+    Amplitude, Layers, MOST_STRENGTHS, MarkReport, MarkRequest, Marked, MaxDistortion, mark_asset,
+    mark_asset_within,
 };
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
@@ -294,6 +295,8 @@ impl Service {
                 params: EmbedParams { method, strength: start, bits, closed_loop: true },
                 limits,
                 stop: &stop,
+                layers: Layers::Blind,
+                amplitude: Amplitude::default(),
                 independent_check_max_bytes,
             };
             let marked = match force {
@@ -402,6 +405,7 @@ fn is_about_the_codeword(error: &ServiceError) -> bool {
         error,
         ServiceError::Watermark(WatermarkError::InsufficientCapacity { .. })
             | ServiceError::Check(_)
+            | ServiceError::TooSmall(_)
             | ServiceError::DistortionUnreachable(_)
             | ServiceError::Job(JobError::DeadlinePassed)
     )

@@ -37,6 +37,9 @@ pub enum ServiceError {
     /// The marked file did not read back: a bug, caught before anything was handed out.
     #[error("the marked file failed its check and was not handed out: {0}")]
     Check(String),
+    /// The mesh has too few vertices for any layer. The text has the figures.
+    #[error("{0}")]
+    TooSmall(String),
     /// No mark stays within the distortion that the request allows. The text has the figures.
     #[error("max_distortion: {0}")]
     DistortionUnreachable(String),
@@ -149,6 +152,7 @@ impl From<MarkError> for ServiceError {
             MarkError::Watermark(WatermarkError::Cancelled) => JobError::DeadlinePassed.into(),
             MarkError::Watermark(error) => error.into(),
             MarkError::Check(reason) => Self::Check(reason),
+            error @ MarkError::ReliefTooSmall { .. } => Self::TooSmall(error.to_string()),
             error @ MarkError::DistortionUnreachable { .. } => {
                 Self::DistortionUnreachable(error.to_string())
             }

@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use quadmark::formats::Limits;
-use quadmark::marking::{MarkError, MarkRequest, Marked, extract_file, mark};
+use quadmark::marking::{Amplitude, Layers, MarkError, MarkRequest, Marked, extract_file, mark};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Modulation};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -61,6 +61,8 @@ pub fn mark_named(name: &str, host: &[u8], method: Method) -> Result<Marked, Mar
         params,
         limits: Limits::default(),
         stop: &|| false,
+        layers: Layers::Blind,
+        amplitude: Amplitude::default(),
         independent_check_max_bytes: 16 << 20,
     };
     mark(host, &request)
