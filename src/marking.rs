@@ -23,8 +23,8 @@ use crate::watermark::{
     WatermarkError, extract_from_surface,
 };
 
+pub use crate::relief::{Amplitude, Layers};
 pub use inspect::{Inspection, inspect, inspect_asset, inspect_asset_until};
-pub use layers::{Amplitude, Layers};
 use make::{Made, Maker, relief_within};
 use within::Fitted;
 pub use within::{MOST_STRENGTHS, MaxDistortion};
@@ -172,7 +172,7 @@ pub fn mark_asset(
     host: &[u8],
     request: &MarkRequest<'_>,
 ) -> Result<Marked, MarkError> {
-    mark_by(asset, host, request, |maker| maker.exactly(request.params.strength))
+    mark_by(asset, host, request, &|maker| maker.exactly(request.params.strength))
 }
 
 /// Marks a file about as strongly as it can without distorting it by more than `limit`, at most
@@ -211,7 +211,7 @@ pub fn mark_asset_within(
     };
     let request = &MarkRequest { amplitude, ..*request };
     let start = request.params.strength;
-    mark_by(asset, host, request, |maker| maker.within(limit, start, strongest))
+    mark_by(asset, host, request, &|maker| maker.within(limit, start, strongest))
 }
 
 /// Marks a file by what `choose` has made.
@@ -219,7 +219,7 @@ fn mark_by(
     asset: Asset,
     host: &[u8],
     request: &MarkRequest<'_>,
-    choose: impl FnOnce(&Maker<'_>) -> Result<Fitted<Made>, MarkError>,
+    choose: &dyn Fn(&Maker<'_>) -> Result<Fitted<Made>, MarkError>,
 ) -> Result<Marked, MarkError> {
     let cancelled = || if (request.stop)() { Err(WatermarkError::Cancelled) } else { Ok(()) };
     cancelled()?;
@@ -230,6 +230,11 @@ fn mark_by(
     cancelled()?;
     let layers = maker.read_back(&bytes, &made)?;
     cancelled()?;
+    if layers == Layers::Blind && request.layers == Layers::Both {
+        // A relief that is not there costs distortion for nothing.
+        drop(maker);
+        return mark_by(asset, host, &MarkRequest { layers, ..*request }, choose);
+    }
     let format = asset.format();
     if bytes.len() <= request.independent_check_max_bytes
         && let Agreement::Differs(reason) = agrees_until(format, host, &bytes, request.stop)

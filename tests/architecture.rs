@@ -21,7 +21,7 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("config", &["formats"]),
     ("durable", &[]),
     ("keys", &["config", "durable", "watermark"]),
-    ("registry", &["durable", "watermark", "formats"]),
+    ("registry", &["durable", "relief", "watermark", "formats"]),
     // Its sweep asks the registry which records exist.
     ("blobs", &["durable", "mesh"]),
     ("jobs", &[]),

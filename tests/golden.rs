@@ -168,7 +168,7 @@ fn embedded(mesh: &Mesh, key: &MarkKey, params: EmbedParams) -> Embedding {
             *p = p.as_vec3().as_dvec3();
         }
     };
-    let host = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &round };
+    let host = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &round, original: None };
     embed(host, &Codeword::new(key, &message(params.bits)), &params, &|| false).unwrap()
 }
 

@@ -85,6 +85,7 @@ impl Bench {
             recipient: None,
             label: None,
             method: kind.method,
+            layers: None,
             strength: Some(kind.strength),
             max_distortion: None,
             bits: kind.bits,

@@ -37,6 +37,7 @@ use crate::service::Verification;
         schemas::MethodName,
         schemas::FormatName,
         schemas::OnExistingName,
+        schemas::LayersName,
         schemas::OrderName,
         schemas::CodeName,
         wire::WatermarkBody,

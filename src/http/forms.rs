@@ -4,7 +4,7 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 #[allow(unused_imports)] // schemas name them
-use super::schemas::{MethodName, OnExistingName};
+use super::schemas::{LayersName, MethodName, OnExistingName};
 use crate::service::{Depth, OnExisting};
 
 /// The form of `POST /v1/watermarks`. Fields in any order; or the file as body and the rest in
@@ -29,7 +29,12 @@ pub(super) struct EmbedForm {
     /// at.
     #[schema(value_type = Option<MethodName>)]
     method: Option<String>,
-    /// 0.01 to 0.25; 0.15 by default.
+    /// Which layers it has. By default `both` where the host is kept, `blind` otherwise. With `both`, a
+    /// mesh that cannot carry the blind layer gets the relief alone; the record says so.
+    #[schema(value_type = Option<LayersName>)]
+    layers: Option<String>,
+    /// Of the blind layer: 0.01 to 0.25. By default 0.15 where it is the only layer; beside a relief at
+    /// most 0.08, and so much that both together distort by at most 0.01 % of the diagonal.
     #[schema(minimum = 0.01, maximum = 0.25)]
     strength: Option<f64>,
     /// The most that the mark may distort the mesh: its `mrms`, a share of the diagonal, 0.000001

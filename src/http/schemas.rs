@@ -9,6 +9,7 @@ use utoipa::{PartialSchema, ToSchema};
 use super::code::Code;
 use crate::formats::Format;
 use crate::registry::Order;
+use crate::relief::Layers;
 use crate::service::OnExisting;
 use crate::watermark::Method;
 
@@ -54,6 +55,9 @@ names! {
     OnExistingName, "OnExisting", "What to do when the file already carries a registered mark: \
         refuse it, mark it and name the marks found, or mark it and say nothing.",
         OnExisting::ALL.into_iter().map(OnExisting::name);
+    LayersName, "Layers", "The layers of a mark: the blind one, which is read without the host; the relief, \
+        which is read against the kept host, from a new tessellation or a fragment, too; or both.",
+        Layers::ALL.into_iter().map(Layers::name);
     OrderName, "Order", "Which comes first: the last or the first registered.",
         Order::ALL.into_iter().map(Order::name);
     CodeName, "Code", "What went wrong. Codes are never renamed; later releases may have more.",

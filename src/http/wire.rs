@@ -7,9 +7,10 @@ use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
 #[allow(unused_imports)] // schemas name them
-use super::schemas::{FormatName, MethodName, OrderName};
+use super::schemas::{FormatName, LayersName, MethodName, OrderName};
 use crate::lab::expected::Expected;
 use crate::registry::{Cursor, ExistingMark, Page, Quality, Record};
+use crate::relief::Amplitude;
 use crate::service::Inspected;
 
 /// A registered mark.
@@ -64,7 +65,15 @@ pub(super) struct WatermarkBody {
     vertices: u64,
     /// Triangles in the file.
     triangles: u64,
-    /// Bins that carry a bit.
+    /// The layers that its file has: `relief` where the mesh could not carry the blind layer, or it was
+    /// asked for alone; such a mark is read against the kept host only.
+    #[schema(value_type = LayersName)]
+    layers: &'static str,
+    /// How far the relief moves the surface: root mean square distance as a share of the bounding
+    /// box's diagonal; null without a relief.
+    #[schema(minimum = 0)]
+    amplitude: Option<f64>,
+    /// Bins of the blind layer that carry a bit.
     usable_bins: u32,
     /// What the mark did to the mesh; null in records of before it was measured.
     quality: Option<QualityBody>,
@@ -170,6 +179,8 @@ impl From<Record> for WatermarkBody {
             marked_bytes: record.marked_bytes,
             vertices: record.vertices,
             triangles: record.triangles,
+            layers: record.layers.name(),
+            amplitude: record.amplitude.map(Amplitude::get),
             usable_bins: record.usable_bins,
             quality: record.quality.map(QualityBody::from),
             existing_marks: existing

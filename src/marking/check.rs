@@ -1,11 +1,10 @@
 //! Reading back what was written, layer by layer.
 
 use super::MarkError;
-use super::layers::Layers;
 use super::make::{Made, Maker};
 use crate::formats::Asset;
 use crate::mesh::surface::Surface;
-use crate::relief::{ReliefHost, ReliefReading};
+use crate::relief::{Layers, ReliefHost, ReliefReading};
 use crate::watermark::{WatermarkError, extract_until, needed_bins};
 
 /// log10 of the bound that the relief of a small mesh has to read back with: a match (1e-9) with what a

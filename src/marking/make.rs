@@ -2,13 +2,13 @@
 
 use glam::DVec3;
 
-use super::layers::{Amplitude, Base, Layers, Placed, Raised, signs};
+use super::layers::{Base, Placed, Raised, signs};
 use super::within::{Fitted, PROBES, Room, Whose, strongest_within};
 use super::{MarkError, MarkRequest, MaxDistortion};
 use crate::formats::Asset;
 use crate::mesh::stop::Stop;
 use crate::mesh::surface::Surface;
-use crate::relief::{Field, Signs};
+use crate::relief::{Amplitude, Field, Layers, Signs};
 use crate::watermark::bins::norms;
 use crate::watermark::{BitCount, Codeword, EmbedParams, Frame, Strength, WatermarkError};
 

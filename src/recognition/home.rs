@@ -6,12 +6,14 @@ use crate::mesh::Mesh;
 use crate::mesh::stop::{Stop, go_on, once, unstopped};
 use crate::mesh::surface::Surface;
 use crate::registration::{PreparedHost, PreparedSuspect, Shape};
+use crate::relief::ReliefHost;
 
 /// A host, ready for suspects; worth keeping between them.
 pub struct Home {
     mesh: Mesh,
     surface: Surface,
     prepared: OnceLock<Option<PreparedHost>>,
+    relief: OnceLock<Option<ReliefHost>>,
 }
 
 impl Home {
@@ -24,7 +26,8 @@ impl Home {
     /// The same; `None` once `stop` answers `true`.
     #[must_use]
     pub fn new_until(mesh: Mesh, stop: Stop<'_>) -> Option<Self> {
-        Some(Self { surface: Surface::new_until(&mesh, stop)?, mesh, prepared: OnceLock::new() })
+        let surface = Surface::new_until(&mesh, stop)?;
+        Some(Self { surface, mesh, prepared: OnceLock::new(), relief: OnceLock::new() })
     }
 
     /// Its geometry.
@@ -43,9 +46,18 @@ impl Home {
     #[must_use]
     pub fn bytes(&self) -> usize {
         // Positions, normals, rings, codes and the search tree, as measured on the dragon.
-        const VERTEX: usize = 300;
-        const TRIANGLE: usize = 200;
+        const VERTEX: usize = 420;
+        const TRIANGLE: usize = 320;
         self.mesh.positions().len() * VERTEX + self.mesh.triangles().len() * TRIANGLE
+    }
+
+    /// What its relief is read with; `None` where there is none, and once `stop` answers `true`.
+    pub fn relief(&self, stop: Stop<'_>) -> Option<&ReliefHost> {
+        let prepare = || {
+            let prepared = ReliefHost::new_until(self.surface.clone(), stop);
+            go_on(stop).map(|()| prepared)
+        };
+        once(&self.relief, prepare)?.as_ref()
     }
 
     /// `None` where there is no shape, and once `stop` answers `true`.

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
 use crate::formats::Format;
+use crate::relief::{Amplitude, Layers};
 use crate::watermark::{BitCount, Frame, Method, Strength};
 
 /// One registered mark.
@@ -29,7 +30,11 @@ pub struct Record {
     pub method: Method,
     /// Version of the watermark scheme; later releases still read it.
     pub scheme: u16,
-    /// Embedding strength, as used.
+    /// The layers that its file has.
+    pub layers: Layers,
+    /// How far the relief moves the surface; none without one.
+    pub amplitude: Option<Amplitude>,
+    /// Embedding strength of the blind layer, as used.
     pub strength: Strength,
     /// Length of the message.
     pub bits: BitCount,

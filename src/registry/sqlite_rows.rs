@@ -14,6 +14,7 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use super::RegistryError;
 use super::record::{MarkSource, Record};
 use crate::formats::Format;
+use crate::relief::{Amplitude, Layers};
 use crate::watermark::{BitCount, Frame, Strength};
 
 pub(super) fn bad_row(id: &impl Display, column: &str) -> RegistryError {
@@ -39,8 +40,9 @@ pub(super) async fn insert_record(
              key_id, salt, message, payload, centre_x, centre_y, centre_z, rho_min, rho_max,
              host_sha256, marked_sha256, marked_bytes, format, file_name, vertices, triangles,
              usable_bins, file_kept, host_kept, created_at, revoked_at, quality, existing_marks,
-             host_geometry)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+             host_geometry, layers, amplitude)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?,
+             ?, ?)",
     )
     .bind(record.id.to_string())
     .bind(&record.owner_id)
@@ -74,6 +76,8 @@ pub(super) async fn insert_record(
     .bind(quality)
     .bind(existing)
     .bind(record.host_geometry.as_ref().map(<[u8; 32]>::as_slice))
+    .bind(record.layers.name())
+    .bind(record.amplitude.map(Amplitude::get))
     .execute(connection)
     .await?;
     Ok(())
@@ -113,6 +117,8 @@ pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> 
         label: row.try_get("label")?,
         method: method.parse().map_err(|_| bad("method"))?,
         scheme: u16::try_from(unsigned("scheme")?).map_err(|_| bad("scheme"))?,
+        layers: layers(row, &id_text)?,
+        amplitude: amplitude(row, &id_text)?,
         strength: Strength::new(row.try_get("strength")?).map_err(|_| bad("strength"))?,
         bits: BitCount::new(bits).map_err(|_| bad("bits"))?,
         key_id: row.try_get("key_id")?,
@@ -149,12 +155,31 @@ pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> 
     })
 }
 
+/// A value of a column that earlier releases did not have: none where a service of such a one has not
+/// added it, beside which this one reads.
+fn added<'r, T: sqlx::Decode<'r, sqlx::Sqlite> + sqlx::Type<sqlx::Sqlite>>(
+    row: &'r SqliteRow,
+    column: &str,
+) -> Result<Option<T>, RegistryError> {
+    match row.try_get::<Option<T>, _>(column) {
+        Err(sqlx::Error::ColumnNotFound(_)) => Ok(None),
+        found => Ok(found?),
+    }
+}
+
+fn layers(row: &SqliteRow, id: &str) -> Result<Layers, RegistryError> {
+    let name = added::<String>(row, "layers")?;
+    let parsed = name.as_deref().map_or(Ok(Layers::Blind), str::parse);
+    parsed.map_err(|_| bad_row(&id, "layers"))
+}
+
+fn amplitude(row: &SqliteRow, id: &str) -> Result<Option<Amplitude>, RegistryError> {
+    let share = added::<f64>(row, "amplitude")?;
+    share.map(Amplitude::new).transpose().map_err(|_| bad_row(&id, "amplitude"))
+}
+
 fn geometry(row: &SqliteRow, id: &str) -> Result<Option<[u8; 32]>, RegistryError> {
-    let bytes = match row.try_get::<Option<Vec<u8>>, _>("host_geometry") {
-        // Read beside the service of an earlier release, which has not added the column.
-        Err(sqlx::Error::ColumnNotFound(_)) => None,
-        found => found?,
-    };
+    let bytes = added::<Vec<u8>>(row, "host_geometry")?;
     let key = |bytes: Vec<u8>| bytes32(&bytes).ok_or_else(|| bad_row(&id, "host_geometry"));
     bytes.map(key).transpose()
 }
@@ -165,11 +190,7 @@ fn json<T: DeserializeOwned>(
     column: &str,
     id: &str,
 ) -> Result<Option<T>, RegistryError> {
-    let text = match row.try_get::<Option<String>, _>(column) {
-        // Read beside the service of an earlier release, which has not added the column.
-        Err(sqlx::Error::ColumnNotFound(_)) => None,
-        found => found?,
-    };
+    let text = added::<String>(row, column)?;
     text.as_deref().map(serde_json::from_str).transpose().map_err(|_| bad_row(&id, column))
 }
 
@@ -186,6 +207,8 @@ pub(crate) fn sample_record() -> Record {
         label: None,
         method: "qsp-mean".parse().unwrap(),
         scheme: 1,
+        layers: Layers::Both,
+        amplitude: Some(Amplitude::new(1.0 / 30_000.0).unwrap()),
         strength: Strength::new(0.1).unwrap(),
         bits: BitCount::new(64).unwrap(),
         key_id: "0a1b2c3d".to_owned(),

@@ -8,6 +8,7 @@ use super::cells::{AROUND, Cells, weights};
 use super::field::Field;
 use super::smoothing::{ROUNDS, smoothing};
 use crate::mesh::closest::Closest;
+use crate::mesh::stop::{Stop, go_on};
 use crate::mesh::surface::Surface;
 
 /// A node: the vertices of the host in one part of a cell, which belong to the same cells. There are
@@ -36,10 +37,18 @@ impl ReliefHost {
     /// `None` where the surface has no [`Field`].
     #[must_use]
     pub fn new(surface: Surface) -> Option<Self> {
+        Self::new_until(surface, &|| false)
+    }
+
+    /// The same; `None` also once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(surface: Surface, stop: Stop<'_>) -> Option<Self> {
         let field = Field::new(&surface)?;
+        go_on(stop)?;
         let (node_of, nodes) = nodes(&surface.positions, field.cells());
+        go_on(stop)?;
         let closest = Closest::new(&surface)?;
-        let smoothed = smoothing(&surface, field.normals(), field.diagonal());
+        let smoothed = smoothing(&surface, field.normals(), field.diagonal(), stop)?;
         let centre = surface.centre();
         let low = surface.positions.iter().fold(DVec3::INFINITY, |low, &p| low.min(p));
         Some(Self { surface, field, centre, low, node_of, nodes, closest, smoothed })

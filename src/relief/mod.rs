@@ -12,6 +12,7 @@ mod estimate;
 mod field;
 mod heights;
 mod host;
+mod params;
 mod reading;
 mod refine;
 mod regress;
@@ -20,5 +21,6 @@ mod smoothing;
 
 pub use field::{CELL, Field, Share};
 pub use host::ReliefHost;
+pub use params::{Amplitude, Layers};
 pub use reading::ReliefReading;
 pub use signs::Signs;

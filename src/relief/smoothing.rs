@@ -4,6 +4,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::mesh::stop::{Stop, go_on};
 use crate::mesh::surface::Surface;
 
 /// Rounds of umbrella smoothing (half way to the neighbours' mean) after which displacements are
@@ -44,18 +45,21 @@ impl Neighbours {
     }
 }
 
-/// Per vertex and number of [`ROUNDS`], the displacement along the normal as a share of `diagonal`.
+/// Per vertex and number of [`ROUNDS`], the displacement along the normal as a share of `diagonal`;
+/// `None` once `stop` answers `true`.
 pub(super) fn smoothing(
     surface: &Surface,
     normals: &[DVec3],
     diagonal: f64,
-) -> Vec<[f32; ROUNDS.len()]> {
+    stop: Stop<'_>,
+) -> Option<Vec<[f32; ROUNDS.len()]>> {
     let neighbours = Neighbours::new(surface.positions.len(), &surface.triangles);
     let mut now = surface.positions.clone();
     let mut next = now.clone();
     let mut moved = vec![[0.0; ROUNDS.len()]; now.len()];
     let last = ROUNDS.into_iter().max().unwrap_or(0);
     for round in 1..=last {
+        go_on(stop)?;
         next.par_iter_mut().enumerate().with_min_len(4096).for_each(|(vertex, to)| {
             let around = neighbours.of(vertex);
             let at = now[vertex];
@@ -70,7 +74,7 @@ pub(super) fn smoothing(
             });
         }
     }
-    moved
+    Some(moved)
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "a feature of a fit: digits do not matter")]

@@ -47,7 +47,9 @@ pub struct EmbedRequest {
     pub label: Option<Text>,
     /// How.
     pub method: Method,
-    /// How strongly; with `max_distortion`, at most how strongly.
+    /// Which layers; by default both where the host is kept, else the blind one.
+    pub layers: Option<Layers>,
+    /// How strongly the blind layer; with `max_distortion`, at most how strongly.
     pub strength: Option<Strength>,
     /// Mark as strongly as this allows.
     pub max_distortion: Option<MaxDistortion>,
@@ -90,6 +92,8 @@ struct Done {
     vertices: u64,
     triangles: u64,
     usable_bins: u32,
+    layers: Layers,
+    amplitude: Option<Amplitude>,
     strength: Strength,
     /// Others that its codeword was tried with.
     refused_strengths: u32,
@@ -101,10 +105,22 @@ struct Done {
 /// How strongly to mark.
 #[derive(Clone, Copy)]
 enum Force {
-    /// With this strength.
-    Exactly(Strength),
-    /// As strongly as the distortion allows, at most with this strength.
+    /// With this strength of the blind layer and this amplitude of the relief.
+    Exactly(Strength, Amplitude),
+    /// As strongly as the distortion allows, the blind layer at most with this strength.
     Within(MaxDistortion, Strength),
+}
+
+impl Force {
+    fn of(request: &EmbedRequest, layers: Layers) -> Self {
+        match (request.max_distortion, request.strength) {
+            (None, None) if layers.has_relief() => {
+                Self::Within(MaxDistortion::USUAL, Strength::BESIDE_A_RELIEF)
+            }
+            (None, strength) => Self::Exactly(strength.unwrap_or_default(), Amplitude::default()),
+            (Some(limit), strength) => Self::Within(limit, strength.unwrap_or(Strength::MAX)),
+        }
+    }
 }
 
 /// One marking.
@@ -115,6 +131,7 @@ struct Making {
     key: MarkKey,
     message: Message,
     how: (Method, BitCount, Force),
+    layers: Layers,
     keep_host: bool,
     keep_file: bool,
     /// Without it nobody looks what the host carries.
@@ -174,10 +191,8 @@ impl Service {
         let key = mark_key(&self.keys, &key_id, &salt, &owner_id)?;
         let host_sha256 = request.file.sha256;
         let file_name = request.file.name.take();
-        let force = match (request.max_distortion, request.strength) {
-            (None, strength) => Force::Exactly(strength.unwrap_or_default()),
-            (Some(limit), strength) => Force::Within(limit, strength.unwrap_or(Strength::MAX)),
-        };
+        let layers = layers_of(&request)?;
+        let force = Force::of(&request, layers);
         let (method, bits) = (request.method, request.bits);
         let message_bytes = message.to_bytes();
         let (keep_host, keep_file) = (request.keep_host, request.keep_file);
@@ -189,6 +204,7 @@ impl Service {
             key,
             message,
             how: (method, bits, force),
+            layers,
             keep_host,
             keep_file,
             on_existing,
@@ -198,7 +214,7 @@ impl Service {
         let refused = match (&done, force) {
             (Ok(done), _) => done.refused_strengths,
             (Err(error), _) if !is_about_the_codeword(error) => 0,
-            (Err(_), Force::Exactly(_)) => 1,
+            (Err(_), Force::Exactly(..)) => 1,
             (Err(_), Force::Within(..)) => MOST_STRENGTHS,
         };
         // Whatever is registered next for this host and owner has been chosen among these. The host is
@@ -220,6 +236,8 @@ impl Service {
             label: request.label.map(|text| text.as_str().to_owned()),
             method,
             scheme: SCHEME,
+            layers: done.layers,
+            amplitude: done.amplitude,
             strength: done.strength,
             bits,
             key_id,
@@ -259,13 +277,13 @@ impl Service {
 
     /// On the pool: reads the host, marks it and measures the result.
     async fn mark(self: &Arc<Self>, making: Making) -> Result<Done, ServiceError> {
-        let Making { file, formats, key, message, how, keep_host, keep_file, .. } = making;
+        let Making { file, formats, key, message, how, layers, keep_host, keep_file, .. } = making;
         let Making { on_existing, geometry, .. } = making;
         let (method, bits, force) = how;
         let limits = self.config.limits;
         let independent_check_max_bytes = self.config.independent_check_max_bytes;
         let start = match force {
-            Force::Exactly(strength) => strength,
+            Force::Exactly(strength, _) => strength,
             // Where most searches end near.
             Force::Within(_, strongest) if strongest < Strength::default() => strongest,
             Force::Within(..) => Strength::default(),
@@ -293,14 +311,17 @@ impl Service {
                 key: &key,
                 message: &message,
                 params: EmbedParams { method, strength: start, bits, closed_loop: true },
+                layers,
+                amplitude: match force {
+                    Force::Exactly(_, amplitude) => amplitude,
+                    Force::Within(..) => Amplitude::default(),
+                },
                 limits,
                 stop: &stop,
-                layers: Layers::Blind,
-                amplitude: Amplitude::default(),
                 independent_check_max_bytes,
             };
             let marked = match force {
-                Force::Exactly(_) => mark_asset(asset, &host_bytes, &request)?,
+                Force::Exactly(..) => mark_asset(asset, &host_bytes, &request)?,
                 Force::Within(limit, strongest) => {
                     mark_asset_within(asset, &host_bytes, &request, limit, strongest)?
                 }
@@ -323,6 +344,8 @@ impl Service {
                 vertices: host.positions().len() as u64,
                 triangles: host.triangles().len() as u64,
                 usable_bins,
+                layers: report.layers,
+                amplitude: report.amplitude,
                 strength: report.strength,
                 refused_strengths: report.refused_strengths,
                 quality: quality_of(&report),
@@ -376,7 +399,12 @@ impl Service {
             formats: request.formats,
             key,
             message,
-            how: (record.method, record.bits, Force::Exactly(record.strength)),
+            how: (
+                record.method,
+                record.bits,
+                Force::Exactly(record.strength, record.amplitude.unwrap_or_default()),
+            ),
+            layers: record.layers,
             keep_host: false,
             keep_file: record.file_kept,
             on_existing: None,
@@ -392,6 +420,22 @@ impl Service {
         }
         self.spooled(id, done.marked).await
     }
+}
+
+/// The layers of a request.
+fn layers_of(request: &EmbedRequest) -> Result<Layers, ServiceError> {
+    let usual = if request.keep_host { Layers::Both } else { Layers::Blind };
+    let layers = request.layers.unwrap_or(usual);
+    if layers.has_relief() && !request.keep_host {
+        return Err(ServiceError::InvalidParameter {
+            parameter: "layers",
+            reason: format!(
+                "{layers} has a relief, which is read against the kept host; send keep_host=true, or \
+                 layers=blind"
+            ),
+        });
+    }
+    Ok(layers)
 }
 
 /// Refuses a file that the caller does not take back.

@@ -77,6 +77,9 @@ pub(super) fn fingerprint(request: &EmbedRequest) -> [u8; 32] {
         part(Some(&limit.get().to_le_bytes()));
         part(Some(&[u8::from(request.strength.is_some())]));
     }
+    if let Some(layers) = request.layers {
+        part(Some(layers.name().as_bytes()));
+    }
     // Likewise.
     if request.on_existing != OnExisting::default() {
         part(Some(request.on_existing.name().as_bytes()));

@@ -49,6 +49,8 @@ pub enum StageName {
     WideLattices,
     /// The frame of a host on the short list, in place or after registration.
     HostFrames,
+    /// Heights of the suspect's surface over a host on the short list: the relief of a mark.
+    Relief,
     /// Vertex by vertex against a host on the short list.
     MatchedFilter,
     /// The same, with what other marks of the host's would explain taken away: one of several
@@ -63,13 +65,14 @@ pub enum StageName {
 
 impl StageName {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Blind,
         Self::InPlace,
         Self::NearLattices,
         Self::Lattices,
         Self::WideLattices,
         Self::HostFrames,
+        Self::Relief,
         Self::MatchedFilter,
         Self::BesideOthers,
         Self::BelowAnother,
@@ -86,6 +89,7 @@ impl StageName {
             Self::Lattices => "lattices",
             Self::WideLattices => "wide_lattices",
             Self::HostFrames => "host_frames",
+            Self::Relief => "relief",
             Self::MatchedFilter => "matched_filter",
             Self::BesideOthers => "beside_others",
             Self::BelowAnother => "below_another",
@@ -121,12 +125,13 @@ pub struct How {
     pub stage: StageName,
     /// The frame that it assumed.
     pub frame: FrameFacts,
-    /// Bins that were read.
+    /// Bins that were read; of a relief, cells.
     pub bits_read: usize,
-    /// Bins with too few vertices to be read.
+    /// Bins with too few vertices to be read; of a relief, cells that the suspect does not have.
     pub erasures: usize,
     /// Weight of each bin, in the order of the bins: `min(|z|, median |z|)`, where z is the root of
-    /// the bin's vertex count times its statistic's deviation from neutral; 0 for an erasure.
+    /// the bin's vertex count times its statistic's deviation from neutral; 0 for an erasure. Empty for a
+    /// relief, whose tens of thousands of cells follow from host and suspect.
     pub weights: Vec<f64>,
     /// The weights of the bins that agree less those that do not.
     pub score: f64,

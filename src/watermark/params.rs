@@ -173,6 +173,10 @@ impl Strength {
     /// The strongest there is.
     pub const MAX: Self = Self(0.25);
 
+    /// What is usual beside a relief: the blind layer then has to survive conversions, moves and mild
+    /// noise alone. It costs half of what 0.15 costs, and settles in one or two rounds.
+    pub const BESIDE_A_RELIEF: Self = Self(0.08);
+
     /// # Errors
     /// [`WatermarkError::StrengthOutOfRange`], also for NaN.
     pub fn new(alpha: f64) -> Result<Self, WatermarkError> {

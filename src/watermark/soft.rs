@@ -60,6 +60,12 @@ impl SoftBits {
         Self { signed_weights: z.iter().map(|z| z.clamp(-cap, cap)).collect() }
     }
 
+    /// Signed weights as they are: those of another detector.
+    #[must_use]
+    pub fn from_signed(signed_weights: Vec<f64>) -> Self {
+        Self { signed_weights }
+    }
+
     /// Scores one codeword of the same number of bits.
     #[must_use]
     pub fn score(&self, codeword: &Codeword) -> Score {

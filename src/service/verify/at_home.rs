@@ -18,7 +18,7 @@ use super::count::share;
 use super::homes::Homes;
 use super::ladder::{Climb, Found, MOST_MATCHES};
 use super::recipients::{Recipients, Seen};
-use super::{Depth, go_on};
+use super::{Depth, go_on, relief};
 use crate::jobs::Stop;
 use crate::keys::KeyRing;
 use crate::mesh::Mesh;
@@ -169,6 +169,9 @@ impl Visit<'_> {
         let mut classes = Classes::new(&profile);
         let mut counted = |stage: StageName, id: u128| -> Result<f64, ServiceError> {
             let all = housed.ids.len() as f64 / (share(stage) * housed.share * look.kind.share());
+            if stage == StageName::Relief {
+                return Ok(all);
+            }
             // (Of very many records the oldest are not here.)
             let Some(record) = housed.record(id) else { return Ok(all) };
             let class = codeword(self.keys, &record.source())?.lattice_class();
@@ -185,10 +188,13 @@ impl Visit<'_> {
         {
             return Ok(ControlFlow::Break(()));
         }
+        let mut seen = Seen { name, frame, profile: &profile, counted: &mut counted };
+        if relief::read(self, housed, look, &mut seen, climb)?.is_break() {
+            return Ok(ControlFlow::Break(()));
+        }
         if look.sightings.len() < LEAST_SIGHTINGS {
             return Ok(ControlFlow::Continue(()));
         }
-        let mut seen = Seen { name, frame, profile: &profile, counted: &mut counted };
         Recipients::new(self, housed, &ranking, look).read(&mut seen, climb)
     }
 

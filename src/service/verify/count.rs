@@ -18,9 +18,10 @@ pub(super) fn share(stage: StageName) -> f64 {
     match stage {
         // Plain copies have decades to spare.
         StageName::Blind | StageName::InPlace | StageName::Lattices => 0.0625,
-        // The marks that are hardest to read end here: smoothed copies whose host is not kept; parts,
-        // wrecks, coarse ones.
-        StageName::NearLattices | StageName::HostFrames | StageName::MatchedFilter => 0.25,
+        // The marks that are hardest to read end here: smoothed copies whose host is not kept; new
+        // tessellations, fragments, crowds.
+        StageName::NearLattices | StageName::Relief => 0.25,
+        StageName::HostFrames | StageName::MatchedFilter => 0.125,
         StageName::BesideOthers => 0.03125,
         StageName::BelowAnother => 0.015_625,
         StageName::WideLattices | StageName::LaterMarks => 0.007_812_5,

@@ -4,7 +4,9 @@ use uuid::Uuid;
 
 use super::super::embed::now;
 use super::super::existing::either;
-use super::super::verdict::{FileFacts, FrameFacts, How, Match, TriedStage, Verdict, Verification};
+use super::super::verdict::{
+    FileFacts, FrameFacts, How, Match, StageName, TriedStage, Verdict, Verification,
+};
 use super::super::{Service, ServiceError};
 use super::charge::Charge;
 use super::count::share;
@@ -138,7 +140,10 @@ fn named(record: Record, found: &Found, certain: f64) -> Match {
         },
         bits_read: score.bits_read,
         erasures: signed.len() - score.bits_read.min(signed.len()),
-        weights: signed.iter().map(|w| w.abs()).collect(),
+        weights: match found.stage {
+            StageName::Relief => Vec::new(),
+            _ => signed.iter().map(|w| w.abs()).collect(),
+        },
         score: score.t,
         log10_bound: found.candidate.log10_bound,
         counted: found.counted,

@@ -21,6 +21,7 @@ mod lattices;
 mod named;
 mod questions;
 mod recipients;
+mod relief;
 mod shortlist;
 
 use std::fmt;

@@ -20,7 +20,7 @@ use crate::registry::Record;
 use crate::watermark::Suspect;
 
 /// Records of a host whose details are fetched: the newest. (All are scored in the host's frame.)
-const DETAILED: usize = 4096;
+const DETAILED: usize = 16_384;
 
 /// Of the error probability, what a family on the list leaves to those after it, and of the family's
 /// share, what a host leaves to the younger ones.

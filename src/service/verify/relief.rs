@@ -1,0 +1,84 @@
+//! The relief of a host's marks, read from a suspect where a look has it.
+//!
+//! One reading serves all records of the host: weights follow from suspect and host alone, each record is
+//! one sum over the signs of its key.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::super::ServiceError;
+use super::super::known::mark_key;
+use super::super::verdict::StageName;
+use super::at_home::{Housed, Visit};
+use super::go_on;
+use super::ladder::{Climb, MOST_MATCHES};
+use super::recipients::Seen;
+use crate::recognition::{Look, LookKind};
+use crate::registry::Record;
+use crate::relief::{ReliefReading, Signs};
+use crate::watermark::{Candidate, Hypothesis, Score, SoftBits};
+
+/// Whether a look says where the suspect's surface lies: one that only assumes that nothing was moved
+/// is followed by another ([`LookKind::Near`]) where that is so.
+fn is_placed(look: &Look) -> bool {
+    look.kind != LookKind::InPlace || !look.sightings.is_empty()
+}
+
+/// Scores the records of a host that have a relief; breaks when all is said.
+pub(super) fn read(
+    visit: &Visit<'_>,
+    housed: &Housed,
+    look: &Look,
+    seen: &mut Seen<'_>,
+    climb: &mut Climb,
+) -> Result<ControlFlow<()>, ServiceError> {
+    let asked = |record: &&Record| housed.is_asked(record.id.as_u128());
+    let with_relief = |record: &&Record| record.amplitude.is_some();
+    let records: Vec<&Record> = housed.records.iter().filter(asked).filter(with_relief).collect();
+    // Marks of one host nearly always have one amplitude; another one makes weights less apt, not
+    // wrong.
+    let Some(amplitude) = records.first().and_then(|record| record.amplitude) else {
+        return Ok(ControlFlow::Continue(()));
+    };
+    if !is_placed(look) {
+        return Ok(ControlFlow::Continue(()));
+    }
+    let stop = || visit.stop.now();
+    let reading = housed.home.relief(&stop).and_then(|host| {
+        let suspect = visit.suspect.surface();
+        let place = |p: &glam::DVec3| look.similarity.apply(*p);
+        let positions: Vec<glam::DVec3> = suspect.positions.iter().map(place).collect();
+        let mirrored = look.similarity.scale < 0.0;
+        ReliefReading::new(host, suspect, &positions, mirrored, amplitude.get(), &stop)
+    });
+    go_on(visit.stop)?;
+    climb.tried(StageName::Relief, records.len() as u64);
+    let Some(reading) = reading else { return Ok(ControlFlow::Continue(())) };
+    let counted = (seen.counted)(StageName::Relief, 0)?;
+    let Some(least) = reading.least_score(climb.worth(counted).log10_bound) else {
+        return Ok(ControlFlow::Continue(()));
+    };
+    let cells = reading.signed_weights().len();
+    let score = |record: &&Record| {
+        let key = mark_key(visit.keys, &record.key_id, &record.salt, &record.owner_id).ok()?;
+        let signs = Signs::new(&key, cells);
+        let t = reading.score(&signs);
+        (t >= least).then(|| {
+            let (bits_read, bits_agreeing) = reading.agreeing(&signs);
+            (record.id.as_u128(), Score { t, bits_agreeing, bits_read })
+        })
+    };
+    let mut scores: Vec<(u128, Score)> =
+        records.par_iter().with_min_len(64).filter_map(score).collect();
+    scores.sort_by(|a, b| b.1.t.total_cmp(&a.1.t).then(a.0.cmp(&b.0)));
+    let soft = Arc::new(SoftBits::from_signed(reading.signed_weights().to_vec()));
+    for (id, score) in scores.into_iter().take(MOST_MATCHES) {
+        let hypothesis = Hypothesis { frame: seen.frame, soft: soft.clone() };
+        let log10_bound = reading.log10_bound(score.t);
+        let candidate = Candidate { id, log10_bound, score, hypothesis };
+        climb.add(StageName::Relief, seen.name, candidate, counted);
+    }
+    Ok(if climb.is_open() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
+}
