@@ -21,7 +21,9 @@ use quadmark::formats::{Asset, Format, Limits, agrees_until};
 use quadmark::lab::attacks::Target;
 use quadmark::lab::attacks::simplify::simplify;
 use quadmark::lab::expected::expected;
-use quadmark::marking::{MarkRequest, inspect_asset, inspect_asset_until, mark_asset};
+use quadmark::marking::{
+    Amplitude, Layers, MarkRequest, inspect_asset, inspect_asset_until, mark_asset,
+};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::quality::quality_until;
 use quadmark::mesh::surface::Surface;
@@ -103,6 +105,8 @@ fn files(mesh: &Mesh) {
                 params: EmbedParams { method: Method::QspMean, ..EmbedParams::default() },
                 limits,
                 stop,
+                layers: Layers::Blind,
+                amplitude: Amplitude::default(),
                 independent_check_max_bytes: 0,
             };
             mark_asset(asset, &bytes, &request).unwrap().bytes
@@ -151,7 +155,7 @@ fn marking(mesh: &Mesh, surface: &Surface) -> (Vec<DVec3>, Codeword) {
     let bits = BitCount::default();
     let message = Message::from_bytes(&[0x5a; 8], bits).unwrap();
     let codeword = Codeword::new(&MarkKey::from_bytes([3; 32]), &message);
-    let host = Host { mesh, surface, pinned: &[], round: &|_| {} };
+    let host = Host { mesh, surface, pinned: &[], round: &|_| {}, original: None };
     let mut positions = Vec::new();
     for method in [Method::QspMean, Method::ExactVar, Method::ExactMean] {
         let params = EmbedParams { method, ..EmbedParams::default() };

@@ -9,6 +9,8 @@ use std::sync::Arc;
 use glam::DVec3;
 use quadmark::formats::{Asset, Limits};
 use quadmark::mesh::Mesh;
+use quadmark::mesh::surface::Surface;
+use quadmark::relief::{ReliefHost, ReliefReading, Signs};
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
     BitCount, Codeword, CodewordIndex, Effort, EmbedParams, GroupKey, HostFilter, Hypothesis,
@@ -246,5 +248,64 @@ fn no_more_codewords_reach_a_bound_of_the_host_s_detectors_than_it_says() {
                 assert_reading_bounded(&format!("{sample}, {name}, {detector}"), &soft, &codewords);
             }
         }
+    }
+}
+
+/// A small host: its relief has few signs, so that a million keys are scored in seconds.
+fn relief_host() -> (Surface, ReliefHost) {
+    let surface = Surface::new(&Sample::Knot.mesh(500).unwrap());
+    let host = ReliefHost::new(surface.clone()).unwrap();
+    (surface, host)
+}
+
+#[test]
+fn no_more_keys_reach_a_bound_of_the_relief_than_it_says() {
+    const AMPLITUDE: f64 = 8.5e-5;
+    let (surface, host) = relief_host();
+    let own = Signs::new(&MarkKey::from_bytes([0x11; 32]), host.field().signs());
+    let marked = host.field().marked(&surface, &own, AMPLITUDE, &[]);
+    let size = host.field().diagonal();
+    let rough = |share: f64| -> Vec<DVec3> {
+        marked.iter().enumerate().map(|(v, p)| *p + share * size * noise(v)).collect()
+    };
+    let inner = surface.triangles.iter().copied().take(surface.triangles.len() / 8).collect();
+    let part = Surface { triangles: inner, ..surface.clone() };
+    // Bent as a whole: long waves that no similarity explains.
+    let bent =
+        surface.positions.iter().map(|p| *p + 1e-3 * size * DVec3::splat((9.0 * p.x / size).sin()));
+    let cases: [(&str, &Surface, Vec<DVec3>); 6] = [
+        ("the host", &surface, surface.positions.clone()),
+        ("another's mark", &surface, marked.clone()),
+        ("with noise", &surface, rough(3e-4)),
+        ("with strong noise", &surface, rough(1e-2)),
+        ("a part", &part, marked.clone()),
+        ("bent", &surface, bent.collect()),
+    ];
+    let all: Vec<Signs> = (0..CODEWORDS)
+        .into_par_iter()
+        .map(|id| {
+            let mut key = [0x93; 32];
+            key[..4].copy_from_slice(&id.to_le_bytes());
+            Signs::new(&MarkKey::from_bytes(key), host.field().signs())
+        })
+        .collect();
+    for (what, suspect, positions) in cases {
+        let read = ReliefReading::new(&host, suspect, &positions, false, AMPLITUDE, &|| false);
+        let reading = read.unwrap();
+        let scores: Vec<f64> = all.par_iter().map(|signs| reading.score(signs)).collect();
+        let mut found = 0;
+        for log10_bound in [-1.0, -2.0, -3.0, -4.0, -5.0] {
+            let least = reading.least_score(log10_bound).unwrap();
+            let near = scores.iter().filter(|&&t| t >= least);
+            let reached = near.filter(|&&t| reading.log10_bound(t) <= log10_bound).count();
+            let expected = f64::from(CODEWORDS) * 10_f64.powf(log10_bound);
+            assert!(
+                reached as f64 <= expected + 4.0 * expected.sqrt() + 2.0,
+                "{what}, {log10_bound}: {reached} of at most {expected}"
+            );
+            found += reached;
+        }
+        println!("{what}: {found}");
+        assert!(found > 100, "{what}: the bound is so loose that this shows nothing: {found}");
     }
 }

@@ -24,6 +24,7 @@ use quadmark::marking::{
 };
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
+use quadmark::relief::{ReliefHost, ReliefReading, Signs};
 use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{
     BitCount, Codeword, CodewordIndex, Effort, EmbedParams, Embedding, GroupKey, Host, HostFilter,
@@ -316,6 +317,37 @@ fn verdict() -> Value {
     })
 }
 
+/// Both layers and the relief alone, and what is read of each against the host.
+fn reliefs() -> Value {
+    let key = MarkKey::from_bytes(counting());
+    let host = read(&to_glb(&read(&to_obj(&Sample::Knot.mesh(5_000).unwrap()))));
+    let prepared = ReliefHost::new(Surface::new(&host)).unwrap();
+    let signs = Signs::new(&key, prepared.field().signs());
+    let first: Vec<i8> = (0..64).map(|c| if signs.sign(c) > 0.0 { 1 } else { -1 }).collect();
+    let of = |layers: Layers| {
+        let params = params(Method::ExactMean, 0.08, 64);
+        let (mut facts, mesh) = marked(&host, &key, params, |host, request| {
+            mark(host, &MarkRequest { layers, ..*request }).unwrap()
+        });
+        let suspect = Surface::new(&mesh);
+        let at = &suspect.positions;
+        let amplitude = Amplitude::default().get();
+        let reading = ReliefReading::new(&prepared, &suspect, at, false, amplitude, &|| false);
+        let reading = reading.unwrap();
+        let log10_bound = reading.log10_bound(reading.score(&signs));
+        assert!(log10_bound < -100.0, "{layers}: {log10_bound}");
+        facts["weights"] = numbers(reading.signed_weights());
+        facts["log10_bound"] = json!(log10_bound);
+        facts
+    };
+    json!({
+        "signs": prepared.field().signs(),
+        "first_signs": first,
+        "both": of(Layers::Both),
+        "relief": of(Layers::Relief),
+    })
+}
+
 #[test]
 fn keys_and_marked_files_are_as_they_were() {
     let path = folder().join("vectors.json");
@@ -325,6 +357,7 @@ fn keys_and_marked_files_are_as_they_were() {
         "marked": marked_files(),
         "cases": cases(),
         "verdict": verdict(),
+        "reliefs": reliefs(),
     });
     if std::env::var_os("QUADMARK_UPDATE_GOLDEN").is_some_and(|value| value == "1") {
         std::fs::write(&path, serde_json::to_string_pretty(&now).unwrap() + "\n").unwrap();

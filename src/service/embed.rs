@@ -275,7 +275,7 @@ impl Service {
         Ok(Embedded { record, content, replayed: false })
     }
 
-    /// On the pool: reads the host, marks it and measures the result.
+    /// Reads the host, looks what it carries, marks it and measures the result.
     async fn mark(self: &Arc<Self>, making: Making) -> Result<Done, ServiceError> {
         let Making { file, formats, key, message, how, layers, keep_host, keep_file, .. } = making;
         let Making { on_existing, geometry, .. } = making;
@@ -290,23 +290,40 @@ impl Service {
         };
         let service = self.clone();
         let slot = self.admit()?;
-        self.run(&slot, file.bytes, move |allowed| {
-            let host_bytes = file.read()?;
-            takes(&formats, sniff(&host_bytes)?)?;
+        let (spooled, looks) = (Arc::new(file), on_existing.is_some());
+        let file = spooled.clone();
+        let (asset, host_key, looking) = self
+            .run(&slot, spooled.bytes, move |allowed| {
+                let host_bytes = file.read()?;
+                takes(&formats, sniff(&host_bytes)?)?;
+                let stop = || allowed.stop().now();
+                let asset = Asset::read_until(&host_bytes, &limits, &stop)?;
+                allowed.need(memory::needed(asset.mesh(), Purpose::Embed))?;
+                let host_key = geometry::key_until(asset.mesh(), &stop);
+                let host_key = host_key.ok_or_else(|| allowed.stop().reason())?;
+                let host_key = *geometry.get_or_init(|| host_key);
+                let looking = if looks {
+                    service.begin_looking(&asset, &host_key, allowed.stop())?
+                } else {
+                    None
+                };
+                Ok((Arc::new(asset), host_key, looking))
+            })
+            .await?;
+        let existing = match (on_existing, looking) {
+            (None, _) => None,
+            (Some(_), None) => Some(Vec::new()),
+            (Some(on_existing), Some(looking)) => {
+                let seen = self.marks_on(&slot, &asset, &host_key, looking).await?;
+                on_existing.permits(&seen)?;
+                Some(seen)
+            }
+        };
+        let asset = Arc::into_inner(asset)
+            .ok_or_else(|| ServiceError::Internal("a host is still looked at".to_owned()))?;
+        self.run_once(&slot, move |allowed| {
+            let host_bytes = spooled.read()?;
             let stop = || allowed.stop().now();
-            let asset = Asset::read_until(&host_bytes, &limits, &stop)?;
-            allowed.need(memory::needed(asset.mesh(), Purpose::Embed))?;
-            let host_key = geometry::key_until(asset.mesh(), &stop);
-            let host_key = host_key.ok_or_else(|| allowed.stop().reason())?;
-            let host_key = *geometry.get_or_init(|| host_key);
-            let existing = match on_existing {
-                Some(on_existing) => {
-                    let seen = service.marks_on(asset.mesh(), allowed.stop())?;
-                    on_existing.permits(&seen)?;
-                    Some(seen)
-                }
-                None => None,
-            };
             let request = MarkRequest {
                 key: &key,
                 message: &message,

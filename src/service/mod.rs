@@ -383,17 +383,19 @@ impl Service {
                 Err(ServiceError::Job(JobError::Again { bytes })) if bytes > memory => {
                     memory = bytes;
                 }
-                // The core says only that it was stopped.
-                Err(
-                    ServiceError::Job(JobError::DeadlinePassed)
-                    | ServiceError::Format(FormatError::Cancelled)
-                    | ServiceError::Watermark(WatermarkError::Cancelled),
-                ) => {
-                    return Err(slot.stop().reason().into());
-                }
-                ended => return ended,
+                ended => return ended.map_err(|error| told(error, slot)),
             }
         }
+    }
+
+    /// Runs one more job of a request on the pool, with the memory that the request holds.
+    async fn run_once<T: Send + 'static>(
+        &self,
+        slot: &Slot,
+        job: impl FnOnce(&Allowance) -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let ended = self.pool.run(slot, Memory::Beyond(0), move |allowed| job(&allowed)).await?;
+        ended.map_err(|error| told(error, slot))
     }
 
     /// Runs work to its end even when the client that asked for it hangs up.
@@ -405,5 +407,15 @@ impl Service {
             Ok(done) => done,
             Err(error) => Err(ServiceError::Internal(format!("a request's task failed: {error}"))),
         }
+    }
+}
+
+/// The core says only that it was stopped, the slot why.
+fn told(error: ServiceError, slot: &Slot) -> ServiceError {
+    match error {
+        ServiceError::Job(JobError::DeadlinePassed)
+        | ServiceError::Format(FormatError::Cancelled)
+        | ServiceError::Watermark(WatermarkError::Cancelled) => slot.stop().reason().into(),
+        other => other,
     }
 }

@@ -23,6 +23,7 @@ mod quality;
 mod recognition;
 mod records;
 mod refusals;
+mod relief;
 mod server;
 mod storage;
 #[path = "../support/mod.rs"]

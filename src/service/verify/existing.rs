@@ -1,36 +1,98 @@
-//! The marks of a host that is about to be marked: the ladder at its least depth.
+//! The marks of a host that is about to be marked: the cheap stages of the ladder, then the hosts that it
+//! looks like, so that a copy of somebody's asset is found out although it was damaged past the blind
+//! reader.
 //!
 //! Looks at all live marks, whoever asks. Must not know what is done about what it finds.
 
+use std::sync::Arc;
+
 use super::super::existing::Seen;
+use super::super::hosts::HostKey;
 use super::super::{Service, ServiceError};
-use super::Depth;
 use super::charge::Charges;
-use super::ladder::Found;
-use crate::jobs::Stop;
-use crate::mesh::Mesh;
+use super::ladder::{Climb, Found};
+use super::shortlist::{Listed, Place};
+use super::{Begun, Depth};
+use crate::formats::Asset;
+use crate::jobs::{Memory, Slot, Stop};
+use crate::watermark::{CodewordIndex, Suspect};
+
+/// How far a host has been looked at.
+pub(in super::super) struct Looking {
+    suspect: Suspect,
+    all: CodewordIndex,
+    climb: Climb,
+    listed: Vec<Place>,
+}
 
 impl Service {
-    /// On the pool: the live marks that a host carries for certain (below the threshold of a
-    /// match), best first.
-    pub(in super::super) fn marks_on(
+    /// On the pool: as far as the file and the marks alone lead; `None` where there is nothing to look
+    /// for. `geometry` is the key of the host's geometry: one that is registered already was looked at
+    /// when it was.
+    pub(in super::super) fn begin_looking(
         &self,
-        host: &Mesh,
+        host: &Asset,
+        geometry: &[u8; 32],
         stop: &Stop,
-    ) -> Result<Vec<Seen>, ServiceError> {
+    ) -> Result<Option<Looking>, ServiceError> {
         if self.known.len() == 0 {
-            return Ok(Vec::new());
+            return Ok(None);
+        }
+        let begun = self.begin(host.mesh(), (None, Charges::default()), Depth::Fast, stop);
+        let Begun { suspect, all, climb, .. } = match begun {
+            Ok(begun) => begun,
+            // A surface that cannot be read cannot be marked either, and marking says why.
+            Err(ServiceError::Watermark(_)) => return Ok(None),
+            Err(error) => return Err(error),
+        };
+        let is_known = !self.hosts.records_of(HostKey::new(geometry)).is_empty();
+        let listed = if is_known || !climb.is_open() {
+            Vec::new()
+        } else {
+            self.shortlist(&suspect, None, Depth::Standard)
+        };
+        Ok(Some(Looking { suspect, all, climb, listed }))
+    }
+
+    /// The live marks that a host carries for certain (below the threshold of a match), best first, and
+    /// those that its earlier records name.
+    pub(in super::super) async fn marks_on(
+        self: &Arc<Self>,
+        slot: &Slot,
+        host: &Arc<Asset>,
+        geometry: &[u8; 32],
+        looking: Looking,
+    ) -> Result<Vec<Seen>, ServiceError> {
+        let Looking { suspect, all, mut climb, listed } = looking;
+        if !listed.is_empty() {
+            let hosts = self.fetch(listed, None).await?;
+            let beyond = Memory::Beyond(hosts.iter().map(Listed::memory).sum());
+            let (service, host) = (self.clone(), host.clone());
+            climb = self
+                .pool
+                .run(slot, beyond, move |allowed| -> Result<Climb, ServiceError> {
+                    let seen = (host.mesh(), &suspect, &all);
+                    service.visit(hosts, seen, Depth::Standard, allowed.stop(), &mut climb)?;
+                    Ok(climb)
+                })
+                .await??;
         }
         let certain = self.thresholds().certain;
         let seen = |found: Found| {
             let Found { id, log10_fp, .. } = found;
             (log10_fp < certain).then_some(Seen { id, log10_fp })
         };
-        match self.begin(host, (None, Charges::default()), Depth::Fast, stop) {
-            Ok(begun) => Ok(begun.climb.finish().found.into_iter().filter_map(seen).collect()),
-            // A surface that cannot be read cannot be marked either, and marking says why.
-            Err(ServiceError::Watermark(_)) => Ok(Vec::new()),
-            Err(error) => Err(error),
+        let mut marks: Vec<Seen> = climb.finish().found.into_iter().filter_map(seen).collect();
+        let earlier = self.hosts.records_of(HostKey::new(geometry));
+        if let Some(&newest) = earlier.last() {
+            let record = self.registry.record(newest).await?;
+            let named = record.and_then(|record| record.existing_marks).unwrap_or_default();
+            for mark in named {
+                if marks.iter().all(|known| known.id != mark.watermark_id) {
+                    marks.push(Seen { id: mark.watermark_id, log10_fp: mark.log10_fp });
+                }
+            }
         }
+        Ok(marks)
     }
 }

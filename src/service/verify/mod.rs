@@ -277,21 +277,34 @@ impl Service {
             .pool
             .run(slot, beyond, move |allowed| -> Result<Climb, ServiceError> {
                 let stop = allowed.stop();
-                let housed: Result<Vec<Option<Housed>>, ServiceError> =
-                    hosts.into_iter().map(|listed| service.housed(listed, stop)).collect();
-                let hosts: Vec<Housed> = housed?.into_iter().flatten().collect();
-                let (mesh, suspect, all, marks) = (&mesh, &suspect, &all, &marks);
-                let (keys, homes, hosts) = (&service.keys, &service.homes, hosts.as_slice());
-                let allowed = Allowed::of(effort(depth));
-                let visit = Visit { mesh, suspect, all, hosts, keys, homes, depth, allowed, stop };
-                visit.run(&mut climb)?;
+                service.visit(hosts, (&mesh, &suspect, &all), depth, stop, &mut climb)?;
                 let named = named.as_deref();
+                let (suspect, marks, keys) = (&suspect, &marks, &service.keys);
                 let case = Case { suspect, marks, named, keys, stop };
                 climb.run(&case, ladder::late_stages(depth))?;
                 Ok(climb)
             })
             .await??;
         Ok(of(climb, looked_at))
+    }
+}
+
+impl Service {
+    /// On the pool: looks at hosts.
+    fn visit(
+        &self,
+        hosts: Vec<Listed>,
+        (mesh, suspect, all): (&Mesh, &Suspect, &CodewordIndex),
+        depth: Depth,
+        stop: &Stop,
+        climb: &mut Climb,
+    ) -> Result<(), ServiceError> {
+        let housed: Result<Vec<Option<Housed>>, ServiceError> =
+            hosts.into_iter().map(|listed| self.housed(listed, stop)).collect();
+        let hosts: Vec<Housed> = housed?.into_iter().flatten().collect();
+        let (keys, homes, hosts) = (&self.keys, &self.homes, hosts.as_slice());
+        let allowed = Allowed::of(effort(depth));
+        Visit { mesh, suspect, all, hosts, keys, homes, depth, allowed, stop }.run(climb)
     }
 }
 

@@ -68,10 +68,13 @@ impl<'a> Recipients<'a> {
         ranking: &[u128],
         look: &'a Look,
     ) -> Self {
-        let ranked: Vec<&Record> = ranking.iter().filter_map(|&id| housed.record(id)).collect();
+        let has_blind = |record: &&Record| record.layers.has_blind();
+        let ranked = ranking.iter().filter_map(|&id| housed.record(id)).filter(has_blind);
+        let ranked: Vec<&Record> = ranked.collect();
         let is_ranked = |record: &&Record| ranked.iter().any(|known| known.id == record.id);
         // (The rest, newest first: bins say nothing of a suspect that is much damaged.)
-        let rest = housed.records.iter().rev().filter(|record| !is_ranked(record));
+        let rest = housed.records.iter().rev();
+        let rest = rest.filter(has_blind).filter(|record| !is_ranked(record));
         let asked = ranked.iter().copied().chain(rest);
         let asked = asked.filter(|record| housed.is_asked(record.id.as_u128()));
         let asked = asked.take(most_filtered(visit.depth).0).collect();

@@ -1,0 +1,197 @@
+//! The relief: what is left of a mark when its surface was made anew, cut to pieces or averaged, and
+//! marks of meshes that the blind layer cannot use.
+
+use glam::DVec3;
+use quadmark::formats::{Asset, Limits};
+use quadmark::lab::attacks::crop::Of;
+use quadmark::lab::attacks::{Attack, Context, Target, collude};
+use quadmark::mesh::Mesh;
+use quadmark::sample::{to_glb, to_obj};
+use quadmark::watermark::EmbedParams;
+use serde_json::Value;
+
+use crate::server::{Server, file_form, obj, problem};
+
+fn mesh(file: &[u8]) -> Mesh {
+    Asset::read(file, &Limits::default()).unwrap().into_mesh()
+}
+
+fn attacked(file: &[u8], steps: &[Attack]) -> Mesh {
+    let start = mesh(file);
+    let params = EmbedParams::default();
+    let context = Context { host: &start, params: &params };
+    let step = |(now, seed): (Mesh, u64), attack: &Attack| {
+        (attack.apply(&Target::new(&now), &context, seed).unwrap(), seed + 1)
+    };
+    steps.iter().fold((start.clone(), 7), step).0
+}
+
+async fn marked(
+    server: &Server,
+    host: &[u8],
+    fields: &[(&'static str, &'static str)],
+) -> (Value, Vec<u8>) {
+    let mut form = file_form(host).text("owner_id", "acme");
+    for (name, value) in fields {
+        form = form.text(*name, *value);
+    }
+    let request = server.client.post(server.url("/v1/watermarks")).multipart(form);
+    let response = request.send().await.unwrap();
+    assert_eq!(response.status(), 201, "{}", response.text().await.unwrap());
+    let location = response.headers()["location"].to_str().unwrap().to_owned();
+    let file = response.bytes().await.unwrap().to_vec();
+    (server.get_json(&location).await, file)
+}
+
+/// A sphere about the origin, from a cube whose sides have so many squares along an edge.
+fn ball(along: u32, round: bool) -> Mesh {
+    let mut positions = Vec::new();
+    let mut triangles = Vec::new();
+    for (axis, sign) in (0..3).flat_map(|axis| [(axis, -1.0), (axis, 1.0)]) {
+        let first = u32::try_from(positions.len()).unwrap();
+        for k in 0..(along + 1) * (along + 1) {
+            let at = |x: u32| 2.0 * f64::from(x) / f64::from(along) - 1.0;
+            let mut p = [0.0; 3];
+            p[axis] = sign;
+            p[(axis + 1) % 3] = at(k % (along + 1)) * sign;
+            p[(axis + 2) % 3] = at(k / (along + 1));
+            let p = DVec3::from_array(p);
+            positions.push(if round { p.normalize() } else { p });
+        }
+        for k in 0..along * along {
+            let corner = first + k % along + k / along * (along + 1);
+            let (right, up) = (corner + 1, corner + along + 1);
+            triangles.extend([[corner, right, up + 1], [corner, up + 1, up]]);
+        }
+    }
+    Mesh::new(positions, triangles).unwrap()
+}
+
+fn assert_found(verdict: &Value, record: &Value, what: &str) {
+    assert_eq!(verdict["verdict"], "match", "{what}: {verdict}");
+    assert_eq!(verdict["matches"][0]["watermark_id"], record["id"], "{what}: {verdict}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn marks_survive_a_new_surface_and_fragments() {
+    let server = Server::start().await;
+    let (record, file) = marked(&server, obj(), &[]).await;
+    assert_eq!(record["layers"], "both", "{record}");
+    assert!(record["quality"]["mrms"].as_f64().unwrap() <= 1e-4, "{record}");
+    for (what, steps) in [
+        ("remeshed", vec![Attack::Remesh(0.5), Attack::Similarity]),
+        ("simplified", vec![Attack::Simplify(0.75), Attack::Similarity]),
+        ("a fragment", vec![Attack::Crop(0.9, Of::Vertices), Attack::Similarity]),
+    ] {
+        let verdict = server.verify(file_form(&to_glb(&attacked(&file, &steps)))).await;
+        assert_found(&verdict, &record, what);
+        // The same of the host is nobody's.
+        let verdict = server.verify(file_form(&to_glb(&attacked(obj(), &steps)))).await;
+        assert_eq!(verdict["verdict"], "no_match", "{what}: {verdict}");
+    }
+    let remeshed = attacked(&file, &[Attack::Remesh(0.5), Attack::Similarity]);
+    let verdict = server.verify(file_form(&to_glb(&remeshed))).await;
+    let how = &verdict["matches"][0]["how"];
+    assert_eq!(how["stage"], "relief", "{how}");
+    assert_eq!(how["weights"], Value::Array(Vec::new()), "{how}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn small_meshes_and_round_ones_carry_the_relief_alone() {
+    let server = Server::start().await;
+    for (name, host) in [("a sphere", ball(10, true)), ("a cube", ball(8, false))] {
+        let host = to_obj(&host);
+        let (record, file) = marked(&server, &host, &[("recipient", "one")]).await;
+        let (other, _) = marked(&server, &host, &[("recipient", "two")]).await;
+        assert_eq!((&record["layers"], &other["layers"]), (&"relief".into(), &"relief".into()));
+        assert_eq!(record["usable_bins"], 0);
+        assert!(record["quality"]["mrms"].as_f64().unwrap() <= 1e-4, "{name}: {record}");
+        for (what, steps) in [
+            ("as it is", vec![]),
+            ("moved", vec![Attack::Similarity]),
+            ("reordered", vec![Attack::Reorder]),
+            ("12 bits", vec![Attack::Quantise(12)]),
+            ("noise", vec![Attack::Noise(0.0005)]),
+            ("converted", vec![Attack::RoundTrip]),
+        ] {
+            let verdict = server.verify(file_form(&to_glb(&attacked(&file, &steps)))).await;
+            assert_found(&verdict, &record, &format!("{name}, {what}"));
+            assert_eq!(verdict["matches"].as_array().unwrap().len(), 1, "{name}, {what}");
+            let verdict = server.verify(file_form(&to_glb(&attacked(&host, &steps)))).await;
+            assert_eq!(verdict["verdict"], "no_match", "{name}, {what}: {verdict}");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn each_of_ten_colluders_is_named() {
+    const COPIES: usize = 10;
+    let server = Server::start().await;
+    let (mut ids, mut copies) = (Vec::new(), Vec::new());
+    for _ in 0..COPIES {
+        let (record, file) = marked(&server, obj(), &[]).await;
+        ids.push(record["id"].clone());
+        copies.push(mesh(&file));
+    }
+    let (stranger, _) = marked(&server, obj(), &[]).await;
+    let all: Vec<&Mesh> = copies.iter().collect();
+    let mean = collude::average(&all).unwrap();
+    let verdict = server.verify(file_form(&to_glb(&mean))).await;
+    let named: Vec<&Value> =
+        verdict["matches"].as_array().unwrap().iter().map(|found| &found["watermark_id"]).collect();
+    for id in &ids {
+        assert!(named.contains(&id), "{id} is not among {named:?}");
+    }
+    assert!(!named.contains(&&stranger["id"]), "{verdict}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn layers_are_as_asked_and_a_retry_makes_the_same_bytes() {
+    let server = Server::start().await;
+    for layers in ["blind", "relief", "both"] {
+        let (record, file) = marked(&server, obj(), &[("layers", layers)]).await;
+        assert_eq!(record["layers"], layers);
+        assert_eq!(record["amplitude"].is_null(), layers == "blind", "{record}");
+        let verdict = server.verify(file_form(&file)).await;
+        assert_found(&verdict, &record, layers);
+        let stage = if layers == "relief" { "relief" } else { "blind" };
+        assert_eq!(verdict["matches"][0]["how"]["stage"], stage, "{verdict}");
+        // Nothing kept of the file: it is made again.
+        let send = || async {
+            let form = file_form(obj()).text("owner_id", "acme").text("layers", layers);
+            let form = form.text("keep_file", "false").text("label", "again");
+            let request = server.client.post(server.url("/v1/watermarks")).multipart(form);
+            let key = format!("key-{layers}");
+            let response = request.header("Idempotency-Key", key).send().await.unwrap();
+            assert_eq!(response.status(), 201);
+            response.bytes().await.unwrap()
+        };
+        assert_eq!(send().await, send().await, "{layers}");
+    }
+    let before = server.get_json("/v1/watermarks").await;
+    for (layers, text) in
+        [("relief", "keep_host=true"), ("both", "layers=blind"), ("all", "relief")]
+    {
+        let form = file_form(obj()).text("owner_id", "acme").text("keep_host", "false");
+        let request = server.client.post(server.url("/v1/watermarks"));
+        let response = request.multipart(form.text("layers", layers)).send().await.unwrap();
+        let told = problem(response, 400, "invalid_parameter").await;
+        assert!(told["detail"].as_str().unwrap().contains(text), "{told}");
+    }
+    assert_eq!(server.get_json("/v1/watermarks").await, before);
+    let form = file_form(obj()).text("owner_id", "acme").text("keep_host", "false");
+    let request = server.client.post(server.url("/v1/watermarks")).multipart(form);
+    assert_eq!(request.send().await.unwrap().status(), 201);
+    let page = server.get_json("/v1/watermarks?limit=1").await;
+    assert_eq!(page["watermarks"][0]["layers"], "blind", "{page}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_carries_neither_layer_is_refused() {
+    let server = Server::start().await;
+    let form = file_form(&to_obj(&ball(1, false))).text("owner_id", "acme");
+    let request = server.client.post(server.url("/v1/watermarks")).multipart(form);
+    let told = problem(request.send().await.unwrap(), 422, "insufficient_capacity").await;
+    assert!(told["detail"].as_str().unwrap().contains("vertices"), "{told}");
+    assert_eq!(server.get_json("/v1/watermarks").await["watermarks"], Value::Array(Vec::new()));
+}
