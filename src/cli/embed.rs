@@ -25,6 +25,10 @@ pub(super) struct Arguments {
     /// cho-mean, cho-var, qsp-mean, qsp-var, exact-mean or exact-var.
     #[arg(long, default_value_t, value_parser = super::parse_method)]
     method: Method,
+    /// blind, relief or both: the relief survives a new tessellation and fragments, and is read with
+    /// `extract --host` against the host: keep it.
+    #[arg(long, default_value = "blind", value_parser = super::parse_layers)]
+    layers: Layers,
     /// How far each bin's statistic is moved: 0.01 to 0.25; 0.15 when not given.
     #[arg(long, value_parser = super::parse_strength)]
     strength: Option<Strength>,
@@ -60,7 +64,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         },
         limits: limits(),
         stop: &|| false,
-        layers: Layers::Blind,
+        layers: arguments.layers,
         amplitude: Amplitude::default(),
         independent_check_max_bytes: 16 << 20,
     };

@@ -1,13 +1,19 @@
 //! `quadmark extract`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use quadmark::formats::Asset;
 use quadmark::marking::extract_file;
+use quadmark::mesh::Mesh;
+use quadmark::mesh::surface::Surface;
+use quadmark::recognition::{Home, Visitor, relief_of};
+use quadmark::registration::{Budget, Within};
+use quadmark::relief::Amplitude;
 use quadmark::watermark::{BitCount, MarkKey, Modulation};
 use serde_json::json;
 
-use super::{Outcome, files, limits};
+use super::{Failure, Outcome, files, limits};
 
 #[derive(clap::Args)]
 pub(super) struct Arguments {
@@ -22,6 +28,10 @@ pub(super) struct Arguments {
     /// mean or variance: the statistic of the method it was marked with.
     #[arg(long, default_value = "mean", value_parser = super::parse_modulation)]
     modulation: Modulation,
+    /// The host: reads the relief against it instead, and says how sure it is that the file carries the
+    /// one of this key. Exit code 1 when it is not sure.
+    #[arg(long)]
+    host: Option<PathBuf>,
     /// Print bits, margins, counts and the frame as JSON.
     #[arg(long)]
     json: bool,
@@ -29,6 +39,9 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     let Arguments { key, bits, modulation, .. } = arguments;
+    if let Some(host) = &arguments.host {
+        return relief(arguments, host);
+    }
     let found = extract_file(&files::read(&arguments.input)?, key, *bits, *modulation, &limits())?;
     let message = found.message().map(|message| message.to_hex());
     if arguments.json {
@@ -56,4 +69,33 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         eprintln!("bits shown as ? lie in bins with too few vertices to be read");
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Bounds below this are a match: that of a service as it comes.
+const CERTAIN: f64 = -9.0;
+
+fn relief(arguments: &Arguments, host: &Path) -> Outcome {
+    let mesh = |path: &Path| -> Result<Mesh, Failure> {
+        Ok(Asset::read(&files::read(path)?, &limits())?.into_mesh())
+    };
+    let (host, suspect) = (Home::new(mesh(host)?), mesh(&arguments.input)?);
+    let surface = Surface::new(&suspect);
+    let visitor = Visitor::new(&suspect, &surface);
+    let budget = Budget::new(u64::MAX);
+    let within = Within { budget: &budget, stop: &|| false };
+    let found = relief_of(&host, &visitor, &arguments.key, Amplitude::default(), within);
+    let log10_fp = found.map_or(0.0, |found| found.log10_fp);
+    let is_match = log10_fp < CERTAIN;
+    if arguments.json {
+        files::print_json(&json!({
+            "match": is_match,
+            "log10_fp": log10_fp,
+            "cells_read": found.map(|found| found.read),
+            "cells_agreeing": found.map(|found| found.agreeing),
+        }))?;
+    } else {
+        let verdict = if is_match { "match" } else { "no match" };
+        println!("{verdict}: log10 of the false-positive bound is {log10_fp:.1}");
+    }
+    Ok(ExitCode::from(u8::from(!is_match)))
 }

@@ -21,6 +21,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use quadmark::formats::Limits;
+use quadmark::relief::Layers;
 use quadmark::watermark::{BitCount, MarkKey, Method, Modulation, Strength, WatermarkError};
 
 /// What a command ends with, or a text for the user.
@@ -115,6 +116,10 @@ fn parse_key(digits: &str) -> Result<MarkKey, WatermarkError> {
 }
 
 fn parse_method(name: &str) -> Result<Method, WatermarkError> {
+    name.parse()
+}
+
+fn parse_layers(name: &str) -> Result<Layers, &'static str> {
     name.parse()
 }
 

@@ -66,6 +66,7 @@ async fn verify(
 fn print(verification: &Verification) {
     let verdict = match verification.verdict {
         Verdict::Match => "match",
+        Verdict::BlindOnly => "blind only: a mark was read, but the shape is not its host's",
         Verdict::Inconclusive => "inconclusive",
         Verdict::NoMatch => "no match",
     };

@@ -127,6 +127,19 @@ pub fn looks(
     ControlFlow::Continue(())
 }
 
+/// The same with a `see` that says whether it has seen enough.
+pub(super) fn looks_until(
+    home: &Home,
+    visitor: &Visitor<'_>,
+    effort: Effort,
+    within: Within<'_>,
+    see: &mut dyn FnMut(&Look) -> bool,
+) -> ControlFlow<()> {
+    looks(home, visitor, effort, within, &mut |look| {
+        if see(&look) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })
+}
+
 fn from_alignment(visitor: &Visitor<'_>, alignment: Alignment, kind: LookKind) -> Look {
     let Alignment { similarity, pairs, .. } = alignment;
     let sighting = |&[suspect, carrier]: &[u32; 2]| {

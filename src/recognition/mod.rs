@@ -8,8 +8,12 @@
 //! Pure. Looks follow from the two shapes alone: must not know codewords, or anything that depends
 //! on one, for each look that is scored is counted, and the bound rests on its being chosen blindly.
 
+mod agreement;
 mod home;
 mod look;
+mod relief;
 
+pub use agreement::share_on;
 pub use home::{Home, Visitor};
 pub use look::{Look, LookKind, looks};
+pub use relief::{ReliefFound, relief_at, relief_of};

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::cells::{AROUND, Cells, weights};
 use super::field::Field;
+use super::heights::{Points, heights_of};
 use super::smoothing::{ROUNDS, smoothing};
 use crate::mesh::closest::Closest;
 use crate::mesh::stop::{Stop, go_on};
@@ -52,6 +53,24 @@ impl ReliefHost {
         let centre = surface.centre();
         let low = surface.positions.iter().fold(DVec3::INFINITY, |low, &p| low.min(p));
         Some(Self { surface, field, centre, low, node_of, nodes, closest, smoothed })
+    }
+
+    /// Which share of a suspect's surface lies on the host's, within 1.2 % of the diagonal and facing the
+    /// same way; its carriers are at `positions`, in the host's coordinates, and `mirrored` says whether
+    /// that turned it inside out. `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn share_on(
+        &self,
+        suspect: &Surface,
+        positions: &[DVec3],
+        mirrored: bool,
+        stop: Stop<'_>,
+    ) -> Option<f64> {
+        /// Points that are looked at: a share is exact to a percent.
+        const POINTS: usize = 4000;
+        let points = Points::in_triangles(self, suspect, positions, mirrored, POINTS);
+        let on = heights_of(self, &points.all, stop)?.len();
+        Some(on as f64 / points.all.len().max(1) as f64)
     }
 
     /// The host's field.

@@ -13,6 +13,9 @@ use super::verify::Depth;
 pub enum Verdict {
     /// The bound is below the match threshold.
     Match,
+    /// A mark was read with a bound below the match threshold, but the file does not have the shape of
+    /// its host: the mark may have been copied on to another object.
+    BlindOnly,
     /// The bound is between the thresholds.
     Inconclusive,
     /// No mark was recognised; not a proof that there is none.
@@ -195,6 +198,12 @@ pub struct Match {
     pub under: Option<Uuid>,
     /// In which frame it was read.
     pub frame: FrameName,
+    /// Which share of the file's surface lies on the host's (within 1.2 % of the diagonal, after
+    /// registration), of the best match where it was read without the host. Below 0.5 the verdict is
+    /// `blind_only`. Null where no shape was compared: the host was not kept, the depth is `fast`, or
+    /// the mark was read against the host, which is only possible on its shape.
+    #[schema(minimum = 0, maximum = 1)]
+    pub on_host: Option<f64>,
     /// What its bound rests on; only of a match. (Of a record that the file may not carry, the weights
     /// would tell where its bins lie.)
     pub how: Option<How>,

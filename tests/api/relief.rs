@@ -6,11 +6,12 @@ use quadmark::formats::{Asset, Limits};
 use quadmark::lab::attacks::crop::Of;
 use quadmark::lab::attacks::{Attack, Context, Target, collude};
 use quadmark::mesh::Mesh;
+use quadmark::mesh::surface::Surface;
 use quadmark::sample::{to_glb, to_obj};
 use quadmark::watermark::EmbedParams;
 use serde_json::Value;
 
-use crate::server::{Server, file_form, obj, problem};
+use crate::server::{Server, file_form, obj, other_obj, problem};
 
 fn mesh(file: &[u8]) -> Mesh {
     Asset::read(file, &Limits::default()).unwrap().into_mesh()
@@ -194,4 +195,77 @@ async fn what_carries_neither_layer_is_refused() {
     let told = problem(request.send().await.unwrap(), 422, "insufficient_capacity").await;
     assert!(told["detail"].as_str().unwrap().contains("vertices"), "{told}");
     assert_eq!(server.get_json("/v1/watermarks").await["watermarks"], Value::Array(Vec::new()));
+}
+
+/// Another object with the vertex norms of a marked one: what a blind reader looks at.
+fn with_norms_of(marked: &Mesh, other: &Mesh) -> Mesh {
+    let norms_about = |mesh: &Mesh, centre: DVec3| -> Vec<f64> {
+        mesh.positions().iter().map(|p| p.distance(centre)).collect()
+    };
+    let centre_of = |mesh: &Mesh| Surface::new(mesh).centre();
+    let mut wanted = norms_about(marked, centre_of(marked));
+    wanted.sort_by(f64::total_cmp);
+    let mut assumed = centre_of(other);
+    for _ in 0..200 {
+        let mut order: Vec<(f64, usize)> =
+            norms_about(other, assumed).into_iter().zip(0..).collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut positions = other.positions().to_vec();
+        for (rank, &(_, vertex)) in order.iter().enumerate() {
+            let norm = wanted[rank * wanted.len() / order.len()];
+            positions[vertex] = assumed + (positions[vertex] - assumed).normalize() * norm;
+        }
+        let made = Mesh::new(positions, other.triangles().to_vec()).unwrap();
+        let centre = centre_of(&made);
+        if centre.distance(assumed) < 1e-7 {
+            return made;
+        }
+        assumed += 0.5 * (centre - assumed);
+    }
+    panic!("the centre does not settle");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn bits_on_another_object_are_no_match_and_the_shapes_are_told() {
+    let server = Server::start().await;
+    let (record, file) = marked(&server, obj(), &[]).await;
+    let forged = to_glb(&with_norms_of(&mesh(&file), &mesh(other_obj())));
+    let verdict = server.verify(file_form(&forged)).await;
+    assert_eq!(verdict["verdict"], "blind_only", "{verdict}");
+    let best = &verdict["matches"][0];
+    assert_eq!(best["watermark_id"], record["id"], "{verdict}");
+    assert!(best["on_host"].as_f64().unwrap() < 0.5, "{verdict}");
+    // What was marked itself, moved and in another order, is a match.
+    for steps in [vec![], vec![Attack::Similarity, Attack::Reorder]] {
+        let verdict = server.verify(file_form(&to_glb(&attacked(&file, &steps)))).await;
+        assert_found(&verdict, &record, "the marked file");
+        assert!(verdict["matches"][0]["on_host"].as_f64().unwrap() > 0.9, "{verdict}");
+    }
+    // Without the host nobody can tell.
+    let server = Server::start().await;
+    let (record, file) = marked(&server, obj(), &[("keep_host", "false")]).await;
+    let forged = to_glb(&with_norms_of(&mesh(&file), &mesh(other_obj())));
+    let verdict = server.verify(file_form(&forged)).await;
+    assert_found(&verdict, &record, "no host kept");
+    assert!(verdict["matches"][0]["on_host"].is_null(), "{verdict}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_copy_that_is_damaged_and_marked_anew_is_found_out() {
+    let server = Server::start().await;
+    let (first, file) = marked(&server, obj(), &[]).await;
+    let steps = [Attack::Crop(0.3, Of::Vertices), Attack::Noise(0.005), Attack::Similarity];
+    let laundered = to_obj(&attacked(&file, &steps));
+    let (second, again) = marked(&server, &laundered, &[]).await;
+    assert_eq!(second["existing_marks"][0]["watermark_id"], first["id"], "{second}");
+    // For another recipient nobody looks anew, and the record says the same.
+    let (third, _) = marked(&server, &laundered, &[("recipient", "two")]).await;
+    assert_eq!(third["existing_marks"][0]["watermark_id"], first["id"], "{third}");
+    let verdict = server.verify(file_form(&again)).await;
+    let named: Vec<&Value> =
+        verdict["matches"].as_array().unwrap().iter().map(|found| &found["watermark_id"]).collect();
+    assert!(named.contains(&&second["id"]) && named.contains(&&first["id"]), "{verdict}");
+    let form = file_form(&laundered).text("owner_id", "thief").text("on_existing", "reject");
+    let request = server.client.post(server.url("/v1/watermarks")).multipart(form);
+    problem(request.send().await.unwrap(), 409, "already_marked").await;
 }

@@ -9,6 +9,8 @@
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
+use uuid::Uuid;
+
 use super::super::ServiceError;
 use super::super::hosts::HostKey;
 use super::super::known::codeword;
@@ -22,7 +24,7 @@ use super::{Depth, go_on, relief};
 use crate::jobs::Stop;
 use crate::keys::KeyRing;
 use crate::mesh::Mesh;
-use crate::recognition::{Home, Look, LookKind, Visitor, looks};
+use crate::recognition::{Home, Look, LookKind, Visitor, looks, share_on};
 use crate::registration::{Allowed, Effort, Within};
 use crate::registry::Record;
 use crate::watermark::{
@@ -92,18 +94,20 @@ impl Visit<'_> {
     /// Looks at host after host until a mark is recognised. Where one is already, for which other
     /// recipients there are, until they are looked for.
     pub(super) fn run(&self, climb: &mut Climb) -> Result<(), ServiceError> {
-        if let Some(found) = climb.best_match()
-            && self.is_sound(found)?
-        {
-            return Ok(());
-        }
         let visitor = Visitor::new(self.mesh, self.suspect.surface());
+        if let Some(found) = climb.best_match() {
+            let (id, sound) = (found.id, self.is_sound(found)?);
+            self.compare_shapes(id, &visitor, climb)?;
+            if sound {
+                return Ok(());
+            }
+        }
         let hosts = self.hosts.iter().map(|housed| elements(housed.home.mesh())).collect();
         let mut shares = self.allowed.shares(elements(self.mesh), hosts);
         for housed in self.hosts {
             go_on(self.stop)?;
             let mut failed = None;
-            let mut see = |look: Look| match self.read(housed, &look, climb) {
+            let mut see = |look: Look| match self.read(housed, (&visitor, &look), climb) {
                 Ok(flow) => flow,
                 Err(error) => {
                     failed = Some(error);
@@ -122,6 +126,29 @@ impl Visit<'_> {
             if end.is_break() || !climb.is_open() {
                 return Ok(());
             }
+        }
+        Ok(())
+    }
+
+    /// Notes whether the suspect has the shape of a record's host at all: the record was found without.
+    fn compare_shapes(
+        &self,
+        id: Uuid,
+        visitor: &Visitor<'_>,
+        climb: &mut Climb,
+    ) -> Result<(), ServiceError> {
+        let Some(housed) = self.hosts.iter().find(|housed| housed.record(id.as_u128()).is_some())
+        else {
+            return Ok(());
+        };
+        let sizes = vec![elements(housed.home.mesh())];
+        let budget = self.allowed.shares(elements(self.mesh), sizes).deal();
+        let stop = || self.stop.now();
+        let within = Within { budget: &budget, stop: &stop };
+        let share = share_on(&housed.home, visitor, effort(self.depth), within);
+        go_on(self.stop)?;
+        if let Some(share) = share {
+            climb.lies_on_host(id, share);
         }
         Ok(())
     }
@@ -151,7 +178,7 @@ impl Visit<'_> {
     fn read(
         &self,
         housed: &Housed,
-        look: &Look,
+        (visitor, look): (&Visitor<'_>, &Look),
         climb: &mut Climb,
     ) -> Result<ControlFlow<()>, ServiceError> {
         go_on(self.stop)?;
@@ -189,7 +216,7 @@ impl Visit<'_> {
             return Ok(ControlFlow::Break(()));
         }
         let mut seen = Seen { name, frame, profile: &profile, counted: &mut counted };
-        if relief::read(self, housed, look, &mut seen, climb)?.is_break() {
+        if relief::read(self, housed, (visitor, look), &mut seen, climb)?.is_break() {
             return Ok(ControlFlow::Break(()));
         }
         if look.sightings.len() < LEAST_SIGHTINGS {

@@ -14,6 +14,10 @@ use super::ladder::{Found, MOST_MATCHES};
 use super::{Depth, Searched};
 use crate::registry::{ExistingMark, Record};
 
+/// Share of a file's surface on a host's below which the file is another object. Copies under the
+/// attacks of the acceptance table have 0.9 and more, other objects with a host's norms less than 0.3.
+const SAME_SHAPE: f64 = 0.5;
+
 impl Service {
     pub(super) async fn judge(
         &self,
@@ -22,7 +26,11 @@ impl Service {
         sha256: String,
     ) -> Result<Verification, ServiceError> {
         let thresholds = self.thresholds();
-        let told = |record, found: &Found| named(record, found, thresholds.certain);
+        let on_host = searched.climbed.on_host;
+        let told = |record, found: &Found| Match {
+            on_host: on_host.get(&found.id).copied(),
+            ..named(record, found, thresholds.certain)
+        };
         let mut matches = Vec::new();
         let best = searched.climbed.found.into_iter().take(MOST_MATCHES).collect();
         let (charged, questions) = self.charged(&searched.questions, best).await?;
@@ -60,8 +68,11 @@ impl Service {
         let matches = matches.into_iter().map(|(_, found)| found).collect();
         let matches = self.with_those_below(matches, below).await?;
         let verdict = match matches.first() {
-            Some(best) if best.log10_fp < thresholds.certain => Verdict::Match,
-            Some(_) => Verdict::Inconclusive,
+            Some(best) if best.log10_fp >= thresholds.certain => Verdict::Inconclusive,
+            Some(best) if best.on_host.is_some_and(|share| share < SAME_SHAPE) => {
+                Verdict::BlindOnly
+            }
+            Some(_) => Verdict::Match,
             None => Verdict::NoMatch,
         };
         let tried: Vec<TriedStage> = searched
@@ -164,6 +175,7 @@ fn named(record: Record, found: &Found, certain: f64) -> Match {
         bits_read: score.bits_read,
         under: None,
         frame: found.frame,
+        on_host: None,
         how: (found.log10_fp < certain).then_some(how),
     }
 }

@@ -84,6 +84,9 @@ pub(super) struct Climbed {
     pub(super) tried: Vec<(StageName, u64)>,
     /// Best first, each record once.
     pub(super) found: Vec<Found>,
+    /// Of records that were found without their host: which share of the suspect's surface lies on the
+    /// host's, where that was looked at.
+    pub(super) on_host: BTreeMap<Uuid, f64>,
 }
 
 /// The stages of a depth that need nothing but the suspect and the marks, in order.
@@ -110,12 +113,19 @@ pub(super) struct Climb {
     charges: Charges,
     tried: Vec<(StageName, u64)>,
     best: BTreeMap<Uuid, Found>,
+    on_host: BTreeMap<Uuid, f64>,
 }
 
 impl Climb {
     /// At the foot.
     pub(super) fn new(thresholds: Thresholds, charges: Charges) -> Self {
-        Self { thresholds, charges, tried: Vec::new(), best: BTreeMap::new() }
+        Self {
+            thresholds,
+            charges,
+            tried: Vec::new(),
+            best: BTreeMap::new(),
+            on_host: BTreeMap::new(),
+        }
     }
 
     /// Whether no record matches yet.
@@ -141,6 +151,11 @@ impl Climb {
             None if hypotheses > 0 => self.tried.push((stage, hypotheses)),
             None => {}
         }
+    }
+
+    /// Notes which share of the suspect's surface lies on the host of a record.
+    pub(super) fn lies_on_host(&mut self, id: Uuid, share: f64) {
+        self.on_host.insert(id, share);
     }
 
     /// Keeps a candidate if it is the best of its record and worth a report.
@@ -191,6 +206,6 @@ impl Climb {
     pub(super) fn finish(self) -> Climbed {
         let mut found: Vec<Found> = self.best.into_values().collect();
         found.sort_by(|a, b| a.log10_fp.total_cmp(&b.log10_fp).then(a.id.cmp(&b.id)));
-        Climbed { tried: self.tried, found }
+        Climbed { tried: self.tried, found, on_host: self.on_host }
     }
 }

@@ -263,7 +263,7 @@ impl Service {
             return Ok(of(climb, LookedAt::default()));
         }
         if let Some(found) = climb.best_match() {
-            listed = Vec::from_iter(self.recipients_beside(found.id).await?);
+            listed = Vec::from_iter(self.host_of(found.id).await?);
             if listed.is_empty() {
                 return Ok(of(climb, LookedAt::default()));
             }

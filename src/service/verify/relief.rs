@@ -15,22 +15,17 @@ use super::at_home::{Housed, Visit};
 use super::go_on;
 use super::ladder::{Climb, MOST_MATCHES};
 use super::recipients::Seen;
-use crate::recognition::{Look, LookKind};
+use crate::recognition::{Look, Visitor, relief_at};
+use crate::registration::{Budget, Within};
 use crate::registry::Record;
-use crate::relief::{ReliefReading, Signs};
+use crate::relief::Signs;
 use crate::watermark::{Candidate, Hypothesis, Score, SoftBits};
-
-/// Whether a look says where the suspect's surface lies: one that only assumes that nothing was moved
-/// is followed by another ([`LookKind::Near`]) where that is so.
-fn is_placed(look: &Look) -> bool {
-    look.kind != LookKind::InPlace || !look.sightings.is_empty()
-}
 
 /// Scores the records of a host that have a relief; breaks when all is said.
 pub(super) fn read(
     visit: &Visit<'_>,
     housed: &Housed,
-    look: &Look,
+    (visitor, look): (&Visitor<'_>, &Look),
     seen: &mut Seen<'_>,
     climb: &mut Climb,
 ) -> Result<ControlFlow<()>, ServiceError> {
@@ -42,17 +37,9 @@ pub(super) fn read(
     let Some(amplitude) = records.first().and_then(|record| record.amplitude) else {
         return Ok(ControlFlow::Continue(()));
     };
-    if !is_placed(look) {
-        return Ok(ControlFlow::Continue(()));
-    }
     let stop = || visit.stop.now();
-    let reading = housed.home.relief(&stop).and_then(|host| {
-        let suspect = visit.suspect.surface();
-        let place = |p: &glam::DVec3| look.similarity.apply(*p);
-        let positions: Vec<glam::DVec3> = suspect.positions.iter().map(place).collect();
-        let mirrored = look.similarity.scale < 0.0;
-        ReliefReading::new(host, suspect, &positions, mirrored, amplitude.get(), &stop)
-    });
+    let within = Within { budget: &Budget::new(0), stop: &stop };
+    let reading = relief_at(&housed.home, visitor, look, amplitude, within);
     go_on(visit.stop)?;
     climb.tried(StageName::Relief, records.len() as u64);
     let Some(reading) = reading else { return Ok(ControlFlow::Continue(())) };

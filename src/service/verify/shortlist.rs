@@ -149,19 +149,15 @@ impl Service {
         Ok(fetched)
     }
 
-    /// The host of a record with its records, if it was marked for others, too.
-    pub(super) async fn recipients_beside(
-        self: &Arc<Self>,
-        id: Uuid,
-    ) -> Result<Option<Place>, ServiceError> {
+    /// The host of a record with its records, if it is kept.
+    pub(super) async fn host_of(self: &Arc<Self>, id: Uuid) -> Result<Option<Place>, ServiceError> {
         let Some(record) = self.registry.record(id).await? else { return Ok(None) };
         let Some(key) = HostKey::of(&record) else { return Ok(None) };
         // (Behind a lock that a registration may hold.)
         let service = self.clone();
         let records = tokio::task::spawn_blocking(move || service.hosts.records_of(key)).await;
         let records = records.map_err(|error| ServiceError::Internal(error.to_string()))?;
-        let place = Place { key, share: 1.0 - REST, records };
-        Ok((place.records.len() > 1).then_some(place))
+        Ok(Some(Place { key, share: 1.0 - REST, records }))
     }
 
     /// All records of a host have the same.
