@@ -14,7 +14,9 @@ use glam::DVec3;
 use quadmark::blobs::{geometry, marked};
 use quadmark::formats::{Asset, Limits};
 use quadmark::lab::expected::expected;
-use quadmark::marking::{MarkError, MarkRequest, inspect_asset_until, mark_asset};
+use quadmark::marking::{
+    Amplitude, Layers, MarkError, MarkRequest, inspect_asset_until, mark_asset,
+};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::quality::quality_until;
 use quadmark::mesh::surface::Surface;
@@ -216,6 +218,8 @@ fn preparations(case: &Case) -> Vec<Stage<'_>> {
                     params: EmbedParams { method: Method::QspMean, ..EmbedParams::default() },
                     limits,
                     stop,
+                    layers: Layers::Both,
+                    amplitude: Amplitude::default(),
                     independent_check_max_bytes: usize::MAX,
                 };
                 let Ok(asset) = Asset::read_until(&case.obj, &limits, stop) else { return };

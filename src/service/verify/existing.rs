@@ -49,7 +49,7 @@ impl Service {
         let listed = if is_known || !climb.is_open() {
             Vec::new()
         } else {
-            self.shortlist(&suspect, None, Depth::Standard)
+            self.shortlist(&suspect, None, Depth::Standard, stop)?
         };
         Ok(Some(Looking { suspect, all, climb, listed }))
     }
