@@ -255,7 +255,7 @@ fn mark_by(
         smallest_margin: blind.map_or(0.0, |blind| blind.smallest_margin),
         rounds: blind.map_or(0, |blind| blind.rounds),
         strength: made.strength,
-        amplitude: layers.has_relief().then_some(request.amplitude),
+        amplitude: layers.has_relief().then_some(made.amplitude),
         refused_strengths,
         method_used: blind.map_or(request.params.method, |blind| blind.method),
         quality: made.placed.quality,

@@ -4,7 +4,7 @@ use super::MarkError;
 use super::make::{Made, Maker};
 use crate::formats::Asset;
 use crate::mesh::surface::Surface;
-use crate::relief::{Layers, ReliefHost, ReliefReading};
+use crate::relief::{Amplitude, Layers, ReliefHost, ReliefReading};
 use crate::watermark::{WatermarkError, extract_until, needed_bins};
 
 /// log10 of the bound that the relief of a small mesh has to read back with: a match (1e-9) with what a
@@ -44,14 +44,12 @@ impl Maker<'_> {
         if blind {
             self.check_blind(&surface)?;
         }
-        match (self.check_relief(&again), blind) {
+        match (self.check_relief(&again, made.amplitude), blind) {
             (Ok(true), true) => Ok(Layers::Both),
             (Ok(true), false) => Ok(Layers::Relief),
             (Ok(false) | Err(MarkError::ReliefTooSmall { .. }), true) => Ok(Layers::Blind),
-            (Ok(false), false) => {
-                let text = "the file's coordinates are too coarse for the relief";
-                Err(MarkError::Check(text.into()))
-            }
+            // Nothing of it: the file's coordinates are too coarse.
+            (Ok(false), false) => Err(MarkError::ReliefTooSmall { log10: 0.0, needed: NEEDED }),
             (Err(error), _) => Err(error),
         }
     }
@@ -82,13 +80,13 @@ impl Maker<'_> {
     }
 
     /// Whether the relief is there.
-    fn check_relief(&self, again: &Asset) -> Result<bool, MarkError> {
+    fn check_relief(&self, again: &Asset, amplitude: Amplitude) -> Result<bool, MarkError> {
         let Some(relief) = &self.relief else { return Ok(false) };
         let vertices = again.mesh().positions();
         let at = |&vertex: &u32| vertices.get(usize::try_from(vertex).ok()?).copied();
         let carriers: Option<Vec<_>> = self.surface.first_vertex.iter().map(at).collect();
         let Some(carriers) = carriers else { return Ok(false) };
-        let amplitude = self.request.amplitude.get();
+        let amplitude = amplitude.get();
         let share = relief.field.share_of(&self.surface, &carriers, &relief.signs, amplitude);
         if share.value < WHOLE || share.uncertainty > CERTAIN {
             return Ok(false);
@@ -96,7 +94,7 @@ impl Maker<'_> {
         if self.surface.positions.len() > SMALL {
             return Ok(true);
         }
-        let log10 = self.bound_of(carriers).unwrap_or(0.0);
+        let log10 = self.bound_of(carriers, amplitude).unwrap_or(0.0);
         if log10 > NEEDED {
             return Err(MarkError::ReliefTooSmall { log10, needed: NEEDED });
         }
@@ -104,10 +102,9 @@ impl Maker<'_> {
     }
 
     /// log10 of the bound with which the relief reads.
-    fn bound_of(&self, carriers: Vec<glam::DVec3>) -> Option<f64> {
+    fn bound_of(&self, carriers: Vec<glam::DVec3>, amplitude: f64) -> Option<f64> {
         let relief = self.relief.as_ref()?;
         let host = ReliefHost::new(self.surface.clone())?;
-        let amplitude = self.request.amplitude.get();
         let stop = self.request.stop;
         let reading = ReliefReading::new(&host, &self.surface, &carriers, false, amplitude, stop)?;
         Some(reading.log10_bound(reading.score(&relief.signs)))

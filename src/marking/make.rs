@@ -22,9 +22,16 @@ const STEP: f64 = 0.02;
 const RELIEF_STEP: f64 = 0.1;
 
 /// What of a limit of distortion the relief gets; as the blind layer moves vertices independently, it has
-/// `sqrt(1 - 0.85^2) = 0.53` of it left. With a limit of 0.01 % that is enough for the blind layer's
+/// `sqrt(1 - 0.8^2) = 0.6` of it left. With a limit of 0.01 % that is enough for the blind layer's
 /// usual strength on nearly all meshes (`benches/fidelity.rs`).
-const RELIEF_SHARE: f64 = 0.85;
+const RELIEF_SHARE: f64 = 0.8;
+
+/// Each amplitude of a relief alone that distorts too much is followed by this share of it.
+const LOWER: f64 = 0.85;
+
+/// Amplitudes of a relief alone that are tried, at most. What signs do to a mesh of few vertices differs
+/// by a third.
+const MOST_AMPLITUDES: u32 = 5;
 
 /// The amplitude of a relief that leaves room for a blind layer within a limit.
 pub(super) fn relief_within(limit: MaxDistortion) -> Result<Amplitude, String> {
@@ -35,6 +42,8 @@ pub(super) fn relief_within(limit: MaxDistortion) -> Result<Amplitude, String> {
 pub(super) struct Made {
     pub(super) placed: Placed,
     pub(super) strength: Strength,
+    /// Of the relief, if there is one.
+    pub(super) amplitude: Amplitude,
     /// The step of coordinates that it was rounded with.
     pub(super) step: f64,
 }
@@ -106,9 +115,11 @@ impl<'a> Maker<'a> {
     pub(super) fn exactly(&self, strength: Strength) -> Result<Fitted<Made>, MarkError> {
         let made = match self.request.layers {
             Layers::Blind => self.embedded(Whose::Own, strength)?,
-            Layers::Relief => self.relief_alone(None)?,
+            Layers::Relief => self.relief_alone(self.request.amplitude, None)?,
             Layers::Both => match self.embedded(Whose::Own, strength) {
-                Err(error) if is_capacity(&error) => self.relief_alone(Some(error))?,
+                Err(error) if is_capacity(&error) => {
+                    self.relief_alone(self.request.amplitude, Some(error))?
+                }
                 made => made?,
             },
         };
@@ -158,7 +169,7 @@ impl<'a> Maker<'a> {
                 self.asset.with_step(step).round_until(positions, self.request.stop);
             };
             let placed = self.base().embedded(raised, codeword, &params, &round)?;
-            Ok(Made { placed, strength, step })
+            Ok(Made { placed, strength, amplitude: self.request.amplitude, step })
         };
         let step = STEP * strength.get() * self.width;
         match with_step(step) {
@@ -169,28 +180,46 @@ impl<'a> Maker<'a> {
     }
 
     /// The relief alone; where there is none, the reason why it was to be alone.
-    fn relief_alone(&self, reason: Option<MarkError>) -> Result<Made, MarkError> {
+    fn relief_alone(
+        &self,
+        amplitude: Amplitude,
+        reason: Option<MarkError>,
+    ) -> Result<Made, MarkError> {
         let nothing = MarkError::ReliefTooSmall { log10: 0.0, needed: super::check::NEEDED };
         let Some(relief) = &self.relief else { return Err(reason.unwrap_or(nothing)) };
-        let step = RELIEF_STEP * self.request.amplitude.get() * relief.field.diagonal();
+        let step = RELIEF_STEP * amplitude.get() * relief.field.diagonal();
         let round = |positions: &mut [DVec3]| {
             self.asset.with_step(step).round_until(positions, self.request.stop);
         };
-        let placed = self.base().alone(&relief.raised, &round)?;
-        Ok(Made { placed, strength: self.request.params.strength, step })
+        let lower = if amplitude == self.request.amplitude {
+            None
+        } else {
+            Some(self.base().raised(&relief.field, &relief.signs, amplitude)?)
+        };
+        let placed = self.base().alone(lower.as_ref().unwrap_or(&relief.raised), &round)?;
+        Ok(Made { placed, strength: self.request.params.strength, amplitude, step })
     }
 
+    /// The same within a limit. An amplitude that is chosen by what its signs do has been tried like a
+    /// strength.
     fn relief_alone_within(
         &self,
         limit: MaxDistortion,
         reason: Option<MarkError>,
     ) -> Result<Fitted<Made>, MarkError> {
-        let made = self.relief_alone(reason)?;
-        let least = made.placed.quality.mrms;
-        if least > limit.get() {
-            return Err(MarkError::DistortionUnreachable { limit: limit.get(), least });
+        let mut reason = reason;
+        let mut least = f64::INFINITY;
+        let mut share = self.request.amplitude.get();
+        for refused_strengths in 0..MOST_AMPLITUDES {
+            let Ok(amplitude) = Amplitude::new(share) else { break };
+            let made = self.relief_alone(amplitude, reason.take())?;
+            if made.placed.quality.mrms <= limit.get() {
+                return Ok(Fitted { made, refused_strengths });
+            }
+            least = least.min(made.placed.quality.mrms);
+            share *= LOWER;
         }
-        Ok(Fitted { made, refused_strengths: 0 })
+        Err(MarkError::DistortionUnreachable { limit: limit.get(), least })
     }
 
     /// The host's own frame.

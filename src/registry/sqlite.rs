@@ -454,6 +454,7 @@ mod tests {
     use super::super::contract;
     use super::*;
     use crate::registry::sample_record;
+    use crate::relief::Layers;
 
     #[cfg(unix)]
     #[tokio::test]
@@ -540,13 +541,21 @@ mod tests {
     #[tokio::test]
     async fn a_registry_of_the_first_release_is_brought_up_to_date() {
         let directory = tempfile::tempdir().unwrap();
-        let record =
-            Record { quality: None, existing_marks: None, host_geometry: None, ..sample_record() };
+        let record = Record {
+            quality: None,
+            existing_marks: None,
+            host_geometry: None,
+            layers: Layers::Blind,
+            amplitude: None,
+            ..sample_record()
+        };
         let registry = Sqlite::open(directory.path()).await.unwrap();
         registry.register(&record, None).await.unwrap();
         for statement in [
             "ALTER TABLE watermarks DROP COLUMN quality",
             "ALTER TABLE watermarks DROP COLUMN existing_marks",
+            "ALTER TABLE watermarks DROP COLUMN layers",
+            "ALTER TABLE watermarks DROP COLUMN amplitude",
             "DROP TRIGGER changes_registered",
             "DROP TRIGGER changes_revoked",
             "DROP TRIGGER changes_verified",

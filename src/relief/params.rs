@@ -90,6 +90,6 @@ impl Amplitude {
 /// (`benches/fidelity.rs`).
 impl Default for Amplitude {
     fn default() -> Self {
-        Self(8.5e-5)
+        Self(8e-5)
     }
 }

@@ -18,8 +18,9 @@ const CLIP: f64 = 3.0;
 /// Side of the boxes over which deviations are local, in cells.
 const BOX: f64 = 1.5;
 
-/// Cells say at most so many times what the median one says.
-const CAP: f64 = 3.0;
+/// Cells say at most so many times the root mean square of all. (Not of the median: where vertices are
+/// farther apart than cells, most cells say little.)
+const CAP: f64 = 4.0;
 
 /// A weight whose explained share is nearly 1 is divided by no less than the root of this.
 const LEAST_UNEXPLAINED: f64 = 1e-3;
@@ -55,7 +56,7 @@ impl ReliefReading {
         let kinds = heights(host, suspect, &positions, mirrored, stop)?;
         let mut samples: Vec<Sample<'_>> = Vec::new();
         for kind in kinds.iter().filter(|kind| kind.all.len() >= LEAST_SAMPLES) {
-            let rest = regress(host, &kind.all);
+            let rest = regress(host, &kind.all, None);
             samples.extend(weighted(host, &kind.all, &rest, kind.distinct));
             if stop() {
                 return None;
@@ -137,14 +138,13 @@ impl ReliefReading {
 }
 
 fn cap(weights: &mut [f64]) {
-    let mut sizes: Vec<f64> = weights.iter().map(|z| z.abs()).filter(|&z| z > 0.0).collect();
-    if sizes.is_empty() {
-        return;
-    }
-    let middle = sizes.len() / 2;
-    let most = CAP * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
-    for z in weights {
-        *z = z.clamp(-most, most);
+    let read = weights.iter().filter(|&&z| z != 0.0);
+    let (count, squares) = read.fold((0.0, 0.0), |(n, sum), z| (n + 1.0, sum + z * z));
+    if count > 0.0 {
+        let most = CAP * (squares / count).sqrt();
+        for z in weights {
+            *z = z.clamp(-most, most);
+        }
     }
 }
 

@@ -17,6 +17,9 @@ const POINTS: usize = 12_000;
 /// Least number of heights that a fit is made of.
 const LEAST: usize = 200;
 
+/// How far off a registration is usually: shares of the diagonal, of the size, and radians.
+const EXPECTED: f64 = 5e-4;
+
 /// Moves of the farthest point, as a share of the diagonal, below which nothing is moved any more: a
 /// tenth of the heights that are read.
 const SETTLED: f64 = 5e-6;
@@ -39,7 +42,7 @@ pub(super) fn refined(
         if heights.len() < LEAST {
             break;
         }
-        let Some(motion) = regress(host, &heights).similarity else { break };
+        let Some(motion) = regress(host, &heights, Some(EXPECTED)).similarity else { break };
         let [tx, ty, tz, rx, ry, rz, grown] = motion;
         // The term of a turn by w is `n . (w x arm) = -(n x arm) . w`.
         let (shift, turn) = (DVec3::new(tx, ty, tz), -DVec3::new(rx, ry, rz));

@@ -9,8 +9,11 @@ use super::smoothing::ROUNDS;
 use crate::mesh::linear::solve;
 use crate::mesh::powers::squared;
 
-/// Parameters of a similarity, and one number per smoothing displacement.
-pub(super) const TERMS: usize = 7 + ROUNDS.len();
+/// Parameters of a similarity: shift, turn, growth.
+const SIMILARITY: usize = 7;
+
+/// With one number per smoothing displacement.
+pub(super) const TERMS: usize = SIMILARITY + ROUNDS.len();
 
 /// Rounds of reweighting.
 const REWEIGHTINGS: usize = 6;
@@ -26,7 +29,7 @@ pub(super) struct Rest {
     pub(super) deviation: f64,
     /// The similarity that was fitted: shift (shares of the diagonal), turn and growth, as the terms
     /// have them; none where the heights do not settle it.
-    pub(super) similarity: Option<[f64; 7]>,
+    pub(super) similarity: Option<[f64; SIMILARITY]>,
 }
 
 /// The terms at one point.
@@ -36,11 +39,11 @@ fn row(host: &ReliefHost, of: &Height) -> [f64; TERMS] {
     let mut row = [0.0; TERMS];
     let similarity =
         [of.normal.x, of.normal.y, of.normal.z, turned.x, turned.y, turned.z, arm.dot(of.normal)];
-    row[..7].copy_from_slice(&similarity);
+    row[..SIMILARITY].copy_from_slice(&similarity);
     let corners = host.surface.triangles[of.triangle as usize];
     for (vertex, share) in corners.into_iter().zip(of.at) {
         let moved = host.smoothed[vertex as usize];
-        for (term, moved) in row[7..].iter_mut().zip(moved) {
+        for (term, moved) in row[SIMILARITY..].iter_mut().zip(moved) {
             *term += share * f64::from(moved);
         }
     }
@@ -99,8 +102,10 @@ fn median_size(values: &[f64]) -> f64 {
     if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
-/// Fits by reweighted least squares (Cauchy weights at two deviations) and takes the fit out.
-pub(super) fn regress(host: &ReliefHost, all: &[Height]) -> Rest {
+/// Fits by reweighted least squares (Cauchy weights at two deviations) and takes the fit out. With
+/// `expected`, the parameters of the similarity are held to about that size where the heights do not say
+/// otherwise: a fragment of a sphere does not say how it is turned.
+pub(super) fn regress(host: &ReliefHost, all: &[Height], expected: Option<f64>) -> Rest {
     /// Median of sizes to standard deviation, for a normal distribution.
     const MEDIAN: f64 = 1.4826;
     let heights: Vec<f64> = all.iter().map(|of| of.height).collect();
@@ -128,6 +133,10 @@ pub(super) fn regress(host: &ReliefHost, all: &[Height]) -> Rest {
         for (i, row) in a.iter_mut().enumerate() {
             // Terms that say the same (a flat host's) are shared out instead of refused.
             row[i] = row[i] * (1.0 + 1e-9) + 1e-9 * count;
+            if let Some(expected) = expected.filter(|_| i < SIMILARITY) {
+                let size = sizes[i] / count + 1e-30;
+                row[i] += squared(deviation / (expected * size));
+            }
         }
         let Some(fit) = solve(a, b) else { break };
         similarity = Some(std::array::from_fn(|k| fit[k] / (sizes[k] / count + 1e-30)));

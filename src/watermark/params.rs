@@ -174,8 +174,9 @@ impl Strength {
     pub const MAX: Self = Self(0.25);
 
     /// What is usual beside a relief: the blind layer then has to survive conversions, moves and mild
-    /// noise alone. It costs half of what 0.15 costs, and settles in one or two rounds.
-    pub const BESIDE_A_RELIEF: Self = Self(0.08);
+    /// noise alone, and vertex by vertex strong noise. It costs half of what 0.15 costs, and settles in few
+    /// rounds.
+    pub const BESIDE_A_RELIEF: Self = Self(0.1);
 
     /// # Errors
     /// [`WatermarkError::StrengthOutOfRange`], also for NaN.

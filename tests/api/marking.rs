@@ -135,10 +135,21 @@ async fn a_depth_says_what_is_tried() {
     let (id, _) = server.mark(obj(), "acme").await;
     for (depth, tried) in [
         ("fast", vec!["blind", "near_lattices"]),
-        ("standard", vec!["blind", "in_place", "near_lattices", "lattices", "host_frames"]),
+        (
+            "standard",
+            vec!["blind", "in_place", "near_lattices", "lattices", "host_frames", "relief"],
+        ),
         (
             "exhaustive",
-            vec!["blind", "in_place", "near_lattices", "lattices", "host_frames", "wide_lattices"],
+            vec![
+                "blind",
+                "in_place",
+                "near_lattices",
+                "lattices",
+                "host_frames",
+                "relief",
+                "wide_lattices",
+            ],
         ),
     ] {
         let form = file_form(other_obj()).text("depth", depth).text("watermark_id", id.clone());

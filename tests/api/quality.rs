@@ -22,7 +22,7 @@ fn number(value: &Value) -> f64 {
 #[tokio::test(flavor = "multi_thread")]
 async fn the_answer_and_the_record_tell_what_the_mark_did() {
     let server = Server::start().await;
-    let answered = record_of(&server, &[("method", "qsp-mean")]).await;
+    let answered = record_of(&server, &[("method", "qsp-mean"), ("layers", "blind")]).await;
     let quality = &answered["quality"];
     let (mrms, hausdorff) = (number(&quality["mrms"]), number(&quality["hausdorff"]));
     assert!(mrms > 1e-6 && mrms < 1e-3, "{answered}");
@@ -93,7 +93,8 @@ async fn the_strongest_mark_within_the_distortion_is_made() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_distortion_that_no_mark_keeps_to_leaves_nothing_behind() {
     let server = Server::start().await;
-    let form = file_form(obj()).text("owner_id", "acme").text("max_distortion", "0.000001");
+    let form = file_form(obj()).text("owner_id", "acme").text("layers", "blind");
+    let form = form.text("max_distortion", "0.000001");
     let refused = server.post("/v1/watermarks", form).await;
     let body = problem(refused, 422, "distortion_unreachable").await;
     let detail = body["detail"].as_str().unwrap();

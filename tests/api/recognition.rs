@@ -87,9 +87,9 @@ async fn parts_and_wrecks_are_recognised_without_being_named_also_after_a_restar
         let gone = moved(&half);
         let verdict = server.verify(file_form(&gone)).await;
         assert_found(&verdict, &id, "registered", "half, moved");
-        let wild = noisy(&file, 0.02);
+        let wild = noisy(&file, 0.015);
         let verdict = server.verify(file_form(&wild)).await;
-        assert_found(&verdict, &id, "in_place", "noise of 2 %, order kept");
+        assert_found(&verdict, &id, "in_place", "noise of 1.5 %, order kept");
         assert_eq!(verdict["matches"][0]["how"]["stage"], "matched_filter");
         // Fast looks at no host.
         let fast = server.verify(file_form(&gone).text("depth", "fast")).await;

@@ -98,7 +98,9 @@ impl Visit<'_> {
         if let Some(found) = climb.best_match() {
             let (id, sound) = (found.id, self.is_sound(found)?);
             self.compare_shapes(id, &visitor, climb)?;
-            if sound {
+            // (The list is the host of what was found: other records of it are other recipients.)
+            let alone = self.hosts.iter().all(|housed| housed.records.len() == 1);
+            if sound || alone {
                 return Ok(());
             }
         }
