@@ -56,11 +56,6 @@ pub enum StageName {
     Relief,
     /// Vertex by vertex against a host on the short list.
     MatchedFilter,
-    /// The same, with what other marks of the host's would explain taken away: one of several
-    /// recipients whose copies were averaged.
-    BesideOthers,
-    /// The same, with what a later mark of another lattice could have moved taken away.
-    BelowAnother,
     /// The blind frame, for marks that are not asked about, but whose records may name one that is
     /// and that they were laid over.
     LaterMarks,
@@ -68,7 +63,7 @@ pub enum StageName {
 
 impl StageName {
     /// All of them.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 9] = [
         Self::Blind,
         Self::InPlace,
         Self::NearLattices,
@@ -77,8 +72,6 @@ impl StageName {
         Self::HostFrames,
         Self::Relief,
         Self::MatchedFilter,
-        Self::BesideOthers,
-        Self::BelowAnother,
         Self::LaterMarks,
     ];
 
@@ -94,8 +87,6 @@ impl StageName {
             Self::HostFrames => "host_frames",
             Self::Relief => "relief",
             Self::MatchedFilter => "matched_filter",
-            Self::BesideOthers => "beside_others",
-            Self::BelowAnother => "below_another",
             Self::LaterMarks => "later_marks",
         }
     }

@@ -6,7 +6,7 @@
 use glam::DVec3;
 
 use super::bins::{BinStatistic, Frame, Lattice, norms};
-use super::{BitCount, Modulation, SoftBits, Strength};
+use super::{BitCount, Modulation, SoftBits};
 use crate::mesh::stop::{STEP, Stop, go_on, sorted, unstopped};
 
 /// Sorted norms with prefix sums, in a frame.
@@ -118,22 +118,6 @@ impl Profile {
         };
         let off = |s: &BinStatistic| (!s.is_erasure()).then_some(s.value - modulation.neutral());
         self.statistics(&lattice, modulation).iter().map(off).collect()
-    }
-
-    /// How much the bins of a lattice class look marked with a strength, whatever they carry: the
-    /// deviations from neutral, each up to the strength, weighted by the root of the bin's vertices.
-    #[must_use]
-    pub fn likeness(
-        &self,
-        class: u8,
-        bits: BitCount,
-        modulation: Modulation,
-        strength: Strength,
-    ) -> f64 {
-        let Some(lattice) = Lattice::new(&self.frame, class, bits) else { return 0.0 };
-        let read = self.statistics(&lattice, modulation).into_iter().filter(|s| !s.is_erasure());
-        let off = |s: &BinStatistic| (s.value - modulation.neutral()).abs().min(strength.get());
-        read.map(|s| (s.count as f64).sqrt() * off(&s)).sum()
     }
 
     /// The soft bits of one lattice.

@@ -15,7 +15,6 @@ use super::super::ServiceError;
 use super::super::hosts::HostKey;
 use super::super::known::codeword;
 use super::super::verdict::{FrameName, StageName};
-use super::classes::Classes;
 use super::count::share;
 use super::homes::Homes;
 use super::ladder::{Climb, Found, MOST_MATCHES};
@@ -195,36 +194,26 @@ impl Visit<'_> {
         let ranked = self.in_frame(housed, &profile);
         climb.tried(StageName::HostFrames, housed.ids.len() as u64);
         let ranking: Vec<u128> = ranked.iter().map(|candidate| candidate.id).collect();
-        let mut classes = Classes::new(&profile);
-        let mut counted = |stage: StageName, id: u128| -> Result<f64, ServiceError> {
-            let all = housed.ids.len() as f64 / (share(stage) * housed.share * look.kind.share());
-            if stage == StageName::Relief {
-                return Ok(all);
-            }
-            // (Of very many records the oldest are not here.)
-            let Some(record) = housed.record(id) else { return Ok(all) };
-            let class = codeword(self.keys, &record.source())?.lattice_class();
-            let Record { bits, method, strength, .. } = record;
-            Ok(all / classes.share(*bits, method.modulation(), *strength, class))
+        let counted = |stage: StageName| {
+            housed.ids.len() as f64 / (share(stage) * housed.share * look.kind.share())
         };
         let asked = ranked.into_iter().filter(|candidate| housed.is_asked(candidate.id));
         for candidate in asked.take(MOST_MATCHES) {
-            let counted = counted(StageName::HostFrames, candidate.id)?;
-            climb.add(StageName::HostFrames, name, candidate, counted);
+            climb.add(StageName::HostFrames, name, candidate, counted(StageName::HostFrames));
         }
         if let Some(found) = climb.best_match()
             && (housed.records.len() == 1 || self.is_sound(found)?)
         {
             return Ok(ControlFlow::Break(()));
         }
-        let mut seen = Seen { name, frame, profile: &profile, counted: &mut counted };
-        if relief::read(self, housed, (visitor, look), &mut seen, climb)?.is_break() {
+        let seen = Seen { name, frame, counted: &counted };
+        if relief::read(self, housed, (visitor, look), &seen, climb)?.is_break() {
             return Ok(ControlFlow::Break(()));
         }
         if look.sightings.len() < LEAST_SIGHTINGS {
             return Ok(ControlFlow::Continue(()));
         }
-        Recipients::new(self, housed, &ranking, look).read(&mut seen, climb)
+        Recipients::new(self, housed, &ranking, look).read(&seen, climb)
     }
 
     /// The host's records that score better than chance in its frame, best first.

@@ -21,9 +21,8 @@ pub(super) fn share(stage: StageName) -> f64 {
         // The marks that are hardest to read end here: smoothed copies whose host is not kept; new
         // tessellations, fragments, crowds.
         StageName::NearLattices | StageName::Relief => 0.25,
-        StageName::HostFrames | StageName::MatchedFilter => 0.125,
-        StageName::BesideOthers => 0.03125,
-        StageName::BelowAnother => 0.015_625,
+        StageName::HostFrames => 0.125,
+        StageName::MatchedFilter => 0.171_875,
         StageName::WideLattices | StageName::LaterMarks => 0.007_812_5,
     }
 }

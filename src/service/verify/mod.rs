@@ -9,7 +9,6 @@
 mod at_home;
 mod blind;
 mod charge;
-mod classes;
 mod count;
 mod existing;
 mod homes;

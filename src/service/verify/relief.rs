@@ -26,7 +26,7 @@ pub(super) fn read(
     visit: &Visit<'_>,
     housed: &Housed,
     (visitor, look): (&Visitor<'_>, &Look),
-    seen: &mut Seen<'_>,
+    seen: &Seen<'_>,
     climb: &mut Climb,
 ) -> Result<ControlFlow<()>, ServiceError> {
     let asked = |record: &&Record| housed.is_asked(record.id.as_u128());
@@ -43,7 +43,7 @@ pub(super) fn read(
     go_on(visit.stop)?;
     climb.tried(StageName::Relief, records.len() as u64);
     let Some(reading) = reading else { return Ok(ControlFlow::Continue(())) };
-    let counted = (seen.counted)(StageName::Relief, 0)?;
+    let counted = (seen.counted)(StageName::Relief);
     let Some(least) = reading.least_score(climb.worth(counted).log10_bound) else {
         return Ok(ControlFlow::Continue(()));
     };

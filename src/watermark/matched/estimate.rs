@@ -11,9 +11,6 @@ const LEAST_ENERGY: f64 = 1e-9;
 const MOST_GRADIENTS: usize = 40;
 const CLOSE: f64 = 1e-8;
 
-/// Share of its size below which what an unknown adds to others is taken for rounding.
-const DEPENDENT: f64 = 1e-9;
-
 /// `G` with what makes it solvable: with `E` its diagonal, `A = E^-1/2 G E^-1/2 + ridge`, where the
 /// ridge is that of the estimate of least mean square error for half a sign each (variance 1/4) in
 /// noise of a given variance. What comes out is, per bin, its estimated sign times the size of what it
@@ -80,58 +77,4 @@ impl Normal {
         }
         x
     }
-
-    /// The same with further unknowns, one per row of `cross` (their products with the bins), of
-    /// `among` (with each other) and of `seen` (with the data): theirs are eliminated.
-    pub(super) fn solve_beside(
-        &self,
-        t: &[f64],
-        cross: &[Vec<f64>],
-        among: &[Vec<f64>],
-        seen: &[f64],
-    ) -> Vec<f64> {
-        let mut x = self.solve(t);
-        let solved: Vec<Vec<f64>> = cross.iter().map(|cross| self.solve(cross)).collect();
-        // (In the units of `solve`, `cross` is `E^-1/2 cross`.)
-        let times = |cross: &[f64], x: &[f64]| -> f64 {
-            cross.iter().zip(&self.size).zip(x).map(|((c, size), x)| c * size * x).sum()
-        };
-        let schur = |(among, b): (&Vec<f64>, &Vec<f64>)| -> Vec<f64> {
-            among.iter().zip(&solved).map(|(q, solved)| q - times(b, solved)).collect()
-        };
-        let schur: Vec<Vec<f64>> = among.iter().zip(cross).map(schur).collect();
-        let left = seen.iter().zip(cross).map(|(seen, b)| seen - times(b, &x)).collect();
-        for (share, solved) in shares(schur, left).iter().zip(&solved) {
-            x.iter_mut().zip(solved).for_each(|(x, solved)| *x -= share * solved);
-        }
-        x
-    }
-}
-
-/// Solves a small symmetric positive semidefinite system by elimination in order of the greatest
-/// pivot; unknowns that the rest determines are left out (zero).
-fn shares(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
-    let n = right.len();
-    let start: Vec<f64> = (0..n).map(|i| matrix[i][i]).collect();
-    let mut order: Vec<usize> = Vec::new();
-    loop {
-        let open = (0..n).filter(|i| !order.contains(i) && matrix[*i][*i] > DEPENDENT * start[*i]);
-        let pivot = open.max_by(|&a, &b| {
-            (matrix[a][a] / start[a]).total_cmp(&(matrix[b][b] / start[b])).then(b.cmp(&a))
-        });
-        let Some(pivot) = pivot else { break };
-        order.push(pivot);
-        let row = matrix[pivot].clone();
-        for i in (0..n).filter(|i| !order.contains(i)) {
-            let factor = matrix[i][pivot] / row[pivot];
-            matrix[i].iter_mut().zip(&row).for_each(|(m, r)| *m -= factor * r);
-            right[i] -= factor * right[pivot];
-        }
-    }
-    let mut x = vec![0.0; n];
-    for &i in order.iter().rev() {
-        let known: f64 = (0..n).filter(|&k| k != i).map(|k| matrix[i][k] * x[k]).sum();
-        x[i] = (right[i] - known) / matrix[i][i];
-    }
-    x
 }

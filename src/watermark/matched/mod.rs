@@ -172,7 +172,7 @@ impl HostFilter {
     /// it to the host: its grid, if it has one, was turned with it, and the scale may be wrong by what
     /// smoothing shrank.
     #[must_use]
-    pub fn compare(&self, sightings: &[Sighting], turned: Option<DQuat>) -> Comparison<'_> {
+    pub fn compare(&self, sightings: &[Sighting], turned: Option<DQuat>) -> Comparison {
         self.compare_until(sightings, turned, &|| false)
     }
 
@@ -184,7 +184,7 @@ impl HostFilter {
         sightings: &[Sighting],
         turned: Option<DQuat>,
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Comparison<'_> {
+    ) -> Comparison {
         Comparison::new(self, sightings, turned, stop)
     }
 
@@ -194,16 +194,6 @@ impl HostFilter {
     pub fn read(&self, sightings: &[Sighting]) -> (SoftBits, usize) {
         let comparison = self.compare(sightings, None);
         (comparison.alone(), comparison.rounds())
-    }
-
-    /// Where a copy that carries `codeword`, one of this filter's lattice class, has the carriers.
-    #[must_use]
-    pub fn expected(&self, codeword: &Codeword) -> Vec<DVec3> {
-        let half = |&bin: &u16| {
-            codeword.bits().get(usize::from(bin)).map_or(0.0, |&bit| if bit { 0.5 } else { -0.5 })
-        };
-        let moved = self.middle.iter().zip(&self.difference).zip(&self.bins);
-        moved.map(|((&middle, &difference), bin)| middle + half(bin) * difference).collect()
     }
 
     /// How many bins apart two must be for smoothing not to make them meet.

@@ -5,7 +5,7 @@
 use glam::DVec3;
 
 use crate::mesh::adjacency::Adjacency;
-use crate::mesh::stop::{STEP, Stop, changed, go_on, never};
+use crate::mesh::stop::{STEP, Stop, changed, go_on};
 use crate::mesh::surface::Surface;
 
 /// Weight of each neighbour's mean per round of smoothing.
@@ -62,8 +62,9 @@ impl Smoothing {
 
     /// `S`: rounds of going half-way to the mean of the neighbours (each triangle counts its
     /// corners).
+    #[cfg(test)]
     pub(super) fn smoothed(&self, field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
-        self.smoothed_until(field, rounds, &never)
+        self.smoothed_until(field, rounds, &crate::mesh::stop::never)
     }
 
     /// The same; worth nothing once `stop` answers `true`.
@@ -92,8 +93,9 @@ impl Smoothing {
     }
 
     /// `S*`: the same, the other way round.
+    #[cfg(test)]
     pub(super) fn adjoint(&self, field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
-        self.adjoint_until(field, rounds, &never)
+        self.adjoint_until(field, rounds, &crate::mesh::stop::never)
     }
 
     /// The same; worth nothing once `stop` answers `true`.
@@ -139,6 +141,7 @@ impl Smoothing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::stop::never;
     use crate::sample::Sample;
 
     #[test]
