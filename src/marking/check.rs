@@ -94,7 +94,7 @@ impl Maker<'_> {
         if self.surface.positions.len() > SMALL {
             return Ok(true);
         }
-        let log10 = self.bound_of(carriers, amplitude).unwrap_or(0.0);
+        let log10 = self.bound_of(&carriers, amplitude).unwrap_or(0.0);
         if log10 > NEEDED {
             return Err(MarkError::ReliefTooSmall { log10, needed: NEEDED });
         }
@@ -102,11 +102,11 @@ impl Maker<'_> {
     }
 
     /// log10 of the bound with which the relief reads.
-    fn bound_of(&self, carriers: Vec<glam::DVec3>, amplitude: f64) -> Option<f64> {
+    fn bound_of(&self, carriers: &[glam::DVec3], amplitude: f64) -> Option<f64> {
         let relief = self.relief.as_ref()?;
         let host = ReliefHost::new(self.surface.clone())?;
         let stop = self.request.stop;
-        let reading = ReliefReading::new(&host, &self.surface, &carriers, false, amplitude, stop)?;
+        let reading = ReliefReading::new(&host, &self.surface, carriers, false, amplitude, stop)?;
         Some(reading.log10_bound(reading.score(&relief.signs)))
     }
 }

@@ -90,7 +90,7 @@ impl Cells {
     }
 
     /// A name of the part of a cell that a point lies in: points of one part belong to the same cells.
-    pub(super) fn part(&self, place: &Place) -> u64 {
+    pub(super) fn part(place: &Place) -> u64 {
         let fine = (f64::from(PARTS) * (place.offset + DVec3::splat(0.5))).floor().as_ivec3();
         let fine = fine.clamp(IVec3::ZERO, IVec3::splat(PARTS - 1));
         let at = place.middle * PARTS + fine;
@@ -122,7 +122,6 @@ impl Cells {
 
     /// `sum_c B_c(p) B_c(q)` of two points with their weights.
     pub(super) fn common(
-        &self,
         (p, of_p): (&Place, &[f64; AROUND]),
         (q, of_q): (&Place, &[f64; AROUND]),
     ) -> f64 {

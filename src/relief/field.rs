@@ -191,7 +191,7 @@ fn spread(positions: &[DVec3], triangles: &[[u32; 3]], normals: &[DVec3], cells:
             let mut mean = 0.0;
             for k in 0..3 {
                 for l in k..3 {
-                    let common = cells.common((&places[k], &all[k]), (&places[l], &all[l]));
+                    let common = Cells::common((&places[k], &all[k]), (&places[l], &all[l]));
                     mean += along[k] * along[l] * common / 6.0;
                 }
             }

@@ -27,7 +27,7 @@ pub(super) struct Height {
     /// The host's normal there.
     pub(super) normal: DVec3,
     /// Height along the normal, as a share of the diagonal.
-    pub(super) height: f64,
+    pub(super) above: f64,
 }
 
 /// Heights of one kind of points.
@@ -50,7 +50,7 @@ fn height(host: &ReliefHost, p: DVec3, normal: DVec3) -> Option<Height> {
         at: foot.weights,
         foot: foot.place,
         normal: across,
-        height: off.dot(across) / host.field.diagonal(),
+        above: off.dot(across) / host.field.diagonal(),
     })
 }
 

@@ -83,7 +83,7 @@ impl ReliefHost {
 /// Per vertex its node, and the nodes in the order of their places.
 fn nodes(positions: &[DVec3], cells: &Cells) -> (Vec<u32>, Vec<Node>) {
     let mut order: Vec<(u64, u32)> =
-        (0..).zip(positions).map(|(vertex, p)| (cells.part(&cells.place(*p)), vertex)).collect();
+        (0..).zip(positions).map(|(vertex, p)| (Cells::part(&cells.place(*p)), vertex)).collect();
     order.par_sort_unstable();
     let mut node_of = vec![0; positions.len()];
     let mut nodes: Vec<Node> = Vec::new();

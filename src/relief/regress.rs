@@ -108,7 +108,7 @@ fn median_size(values: &[f64]) -> f64 {
 pub(super) fn regress(host: &ReliefHost, all: &[Height], expected: Option<f64>) -> Rest {
     /// Median of sizes to standard deviation, for a normal distribution.
     const MEDIAN: f64 = 1.4826;
-    let heights: Vec<f64> = all.iter().map(|of| of.height).collect();
+    let heights: Vec<f64> = all.iter().map(|of| of.above).collect();
     let mut rows: Vec<[f64; TERMS]> =
         all.par_iter().with_min_len(1024).map(|of| row(host, of)).collect();
     // Terms are brought to one size.

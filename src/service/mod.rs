@@ -394,7 +394,7 @@ impl Service {
         slot: &Slot,
         job: impl FnOnce(&Allowance) -> Result<T, ServiceError> + Send + 'static,
     ) -> Result<T, ServiceError> {
-        let ended = self.pool.run(slot, Memory::Beyond(0), move |allowed| job(&allowed)).await?;
+        let ended = self.pool.run(slot, Memory::Beyond(0), move |allowed| job(allowed)).await?;
         ended.map_err(|error| told(error, slot))
     }
 
