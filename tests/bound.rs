@@ -266,23 +266,34 @@ fn no_more_keys_reach_a_bound_of_the_relief_than_it_says() {
         ("a part", &part, marked.clone()),
         ("bent", &surface, bent.collect()),
     ];
-    let all: Vec<Signs> = (0..CODEWORDS)
+    let readings: Vec<ReliefReading> = cases
+        .iter()
+        .map(|(_, suspect, at)| {
+            ReliefReading::new(&host, suspect, at, false, AMPLITUDE, &|| false).unwrap()
+        })
+        .collect();
+    let scores: Vec<[f64; 6]> = (0..CODEWORDS)
         .into_par_iter()
         .map(|id| {
             let mut key = [0x93; 32];
             key[..4].copy_from_slice(&id.to_le_bytes());
-            Signs::new(&MarkKey::from_bytes(key), host.field().signs())
+            let signs = Signs::new(&MarkKey::from_bytes(key), host.field().signs());
+            std::array::from_fn(|case| readings[case].score(&signs))
         })
         .collect();
-    for (what, suspect, positions) in cases {
-        let read = ReliefReading::new(&host, suspect, &positions, false, AMPLITUDE, &|| false);
-        let reading = read.unwrap();
-        let scores: Vec<f64> = all.par_iter().map(|signs| reading.score(signs)).collect();
+    for (case, (what, ..)) in cases.iter().enumerate() {
+        let reading = &readings[case];
         let mut found = 0;
         for log10_bound in [-1.0, -2.0, -3.0, -4.0, -5.0] {
-            let least = reading.least_score(log10_bound).unwrap();
-            let near = scores.iter().filter(|&&t| t >= least);
-            let reached = near.filter(|&&t| reading.log10_bound(t) <= log10_bound).count();
+            // The bound falls as the score grows.
+            let total: f64 = reading.signed_weights().iter().map(|z| z.abs()).sum();
+            let (mut low, mut high) = (0.0, total);
+            for _ in 0..40 {
+                let middle = f64::midpoint(low, high);
+                if reading.log10_bound(middle) > log10_bound { low = middle } else { high = middle }
+            }
+            assert!(reading.least_score(log10_bound).unwrap() <= high);
+            let reached = scores.iter().filter(|scores| scores[case] >= high).count();
             let expected = f64::from(CODEWORDS) * 10_f64.powf(log10_bound);
             assert!(
                 reached as f64 <= expected + 4.0 * expected.sqrt() + 2.0,
