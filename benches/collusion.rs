@@ -120,8 +120,8 @@ async fn run(options: Options, data: &std::path::Path) {
     let bench = Bench::start(data, options.others).await;
     for (name, file) in hosts(options.files) {
         for &method in &options.methods {
-            let kind = Kind { method, strength: options.strength, bits: options.bits };
-            println!("{name}, {method} {}, {} bits", kind.strength.get(), kind.bits.get());
+            let kind = Kind { method, strength: Some(options.strength), bits: options.bits };
+            println!("{name}, {method} {}, {} bits", options.strength.get(), kind.bits.get());
             let mut marked = Vec::new();
             for recipient in 0..options.recipients {
                 marked.push(bench.mark(&file, &format!("{name} {recipient}"), kind).await);

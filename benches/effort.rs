@@ -122,7 +122,7 @@ fn main() {
     let files: Vec<Readable> = files.filter_map(|path| readable(&path, &options.folder)).collect();
     let kind = Kind {
         method: Method::QspMean,
-        strength: Strength::new(0.1).unwrap(),
+        strength: Some(Strength::new(0.1).unwrap()),
         bits: BitCount::default(),
     };
     let start = Instant::now();

@@ -119,7 +119,7 @@ async fn run(options: Options, data: &std::path::Path) {
     let mut random = ChaCha20Rng::from_seed([2; 32]);
     for (name, file) in hosts(options.files) {
         for &method in &options.methods {
-            let kind = Kind { method, strength: options.strength, bits: options.bits };
+            let kind = Kind { method, strength: Some(options.strength), bits: options.bits };
             let later = Kind { method: options.over.unwrap_or(method), ..kind };
             println!("{name}, {} over {method}, {} bits", later.method, kind.bits.get());
             let [mut everybody, mut alone, mut stranger] = [(); 3].map(|()| Row::default());
@@ -134,7 +134,7 @@ async fn run(options: Options, data: &std::path::Path) {
                 alone.add(&older, &bench.verify(&over.bytes, only, standard).await);
                 let params = EmbedParams {
                     method: later.method,
-                    strength: later.strength,
+                    strength: options.strength,
                     bits: later.bits,
                     ..EmbedParams::default()
                 };

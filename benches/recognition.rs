@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo bench --bench recognition -- [--record] [--keys 2] [--others 100000] [--depth standard]
-//!     [--jobs 1] [--attacks none,crop-50+in-place,...] [--strength 0.15] [--seed 1] [--minutes 0]
+//!     [--jobs 1] [--attacks none,crop-50+in-place,...] [--strength S] [--seed 1] [--minutes 0]
 //!     [--wrong] [--strangers DIR] [--data DIR] FILE...
 //! ```
 //!
@@ -79,7 +79,7 @@ struct Options {
     wrong: bool,
     strangers: Option<PathBuf>,
     cases: Vec<Case>,
-    strength: Strength,
+    strength: Option<Strength>,
     seed: u64,
     minutes: f64,
     data: Option<PathBuf>,
@@ -106,7 +106,7 @@ fn options() -> Options {
         wrong: false,
         strangers: None,
         cases: Case::acceptance(),
-        strength: Strength::default(),
+        strength: None,
         seed: 1,
         minutes: 0.0,
         data: None,
@@ -130,7 +130,7 @@ fn options() -> Options {
             "--strangers" => options.strangers = Some(value().into()),
             "--attacks" => options.cases = named(&value()),
             "--strength" => {
-                options.strength = Strength::new(value().parse().unwrap()).unwrap();
+                options.strength = Some(Strength::new(value().parse().unwrap()).unwrap());
             }
             "--seed" => options.seed = value().parse().unwrap(),
             "--minutes" => options.minutes = value().parse().unwrap(),
@@ -435,7 +435,8 @@ impl Table<'_> {
     /// Files that carry none of the marks: themselves, marked by somebody else, and those attacked.
     fn strangers(&self, folder: &Path) {
         let mut random = ChaCha20Rng::from_seed([9; 32]);
-        let kind = EmbedParams { strength: self.options.strength, ..EmbedParams::default() };
+        let strength = self.options.strength.unwrap_or_default();
+        let kind = EmbedParams { strength, ..EmbedParams::default() };
         let known: Vec<&[u8]> = self.hosts.iter().map(|host| host.bytes.as_slice()).collect();
         let cases: Vec<&Case> =
             self.options.cases.iter().filter(|case| case.kind == cases::Kind::Copy).collect();
@@ -510,7 +511,7 @@ fn main() {
         hosts.len(),
         options.keys,
         options.depth,
-        options.strength.get(),
+        options.strength.map_or("as usual".to_owned(), |strength| strength.get().to_string()),
         options.others,
         options.seed
     );

@@ -34,7 +34,8 @@ pub struct Mark {
 #[derive(Clone, Copy)]
 pub struct Kind {
     pub method: Method,
-    pub strength: Strength,
+    /// None for the default.
+    pub strength: Option<Strength>,
     pub bits: BitCount,
 }
 
@@ -86,7 +87,7 @@ impl Bench {
             label: None,
             method: kind.method,
             layers: None,
-            strength: Some(kind.strength),
+            strength: kind.strength,
             max_distortion: None,
             bits: kind.bits,
             payload: None,
@@ -97,7 +98,7 @@ impl Bench {
             idempotency_key: Some(format!(
                 "{}/{}/{}",
                 kind.method,
-                kind.strength.get(),
+                kind.strength.map_or(0.0, Strength::get),
                 kind.bits.get()
             )),
         };
