@@ -87,7 +87,9 @@ impl Maker<'_> {
         let carriers: Option<Vec<_>> = self.surface.first_vertex.iter().map(at).collect();
         let Some(carriers) = carriers else { return Ok(false) };
         let amplitude = amplitude.get();
-        let share = relief.field.share_of(&self.surface, &carriers, &relief.signs, amplitude);
+        let stop = self.request.stop;
+        let share = relief.field.share_of(&self.surface, &carriers, &relief.signs, amplitude, stop);
+        let share = share.ok_or(WatermarkError::Cancelled)?;
         if share.value < WHOLE || share.uncertainty > CERTAIN {
             return Ok(false);
         }

@@ -10,7 +10,7 @@ use crate::mesh::Mesh;
 use crate::mesh::quality::Quality;
 use crate::mesh::surface::Surface;
 use crate::relief::{Amplitude, Field, Signs};
-use crate::watermark::{Codeword, EmbedParams, Embedding, Host, MarkKey, embed};
+use crate::watermark::{Codeword, EmbedParams, Embedding, Host, MarkKey, WatermarkError, embed};
 
 /// Where the vertices of a host go.
 pub(super) struct Placed {
@@ -52,7 +52,9 @@ impl Base<'_> {
                 *pinned = true;
             }
         }
-        let carriers = field.marked(self.surface, signs, amplitude.get(), &pinned);
+        let carriers = field
+            .marked_until(self.surface, signs, amplitude.get(), &pinned, self.stop)
+            .ok_or(WatermarkError::Cancelled)?;
         let mut positions = self.mesh.positions().to_vec();
         for (position, carrier) in positions.iter_mut().zip(&self.surface.carrier_of) {
             let at = usize::try_from(*carrier).ok().and_then(|carrier| carriers.get(carrier));

@@ -88,7 +88,11 @@ impl<'a> Maker<'a> {
         let probes = PROBES.map(|number| Codeword::probe(bits, number));
         let width = bin_width(&surface, bits, stop).ok_or(WatermarkError::Cancelled)?;
         let mut maker = Self { asset, request, surface, codeword, probes, relief: None, width };
-        let field = request.layers.has_relief().then(|| Field::new(&maker.surface)).flatten();
+        let field = request.layers.has_relief().then(|| Field::new_until(&maker.surface, stop));
+        if stop() {
+            return Err(WatermarkError::Cancelled.into());
+        }
+        let field = field.flatten();
         if let Some(field) = field {
             let signs = signs(request.key, &field);
             let raised = maker.base().raised(&field, &signs, request.amplitude)?;

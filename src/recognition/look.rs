@@ -193,6 +193,7 @@ fn same_order(home: &Home, mut pairs: Vec<Pair>, stop: Stop<'_>) -> Option<Look>
     for _ in 0..ROUNDS {
         stop::go_on(stop)?;
         median = median_off(&pairs, &similarity);
+        stop::go_on(stop)?;
         if median <= 0.0 {
             break;
         }
@@ -200,6 +201,7 @@ fn same_order(home: &Home, mut pairs: Vec<Pair>, stop: Stop<'_>) -> Option<Look>
             let off = similarity.apply(p.from).distance(p.to);
             p.weight = 1.0 / (1.0 + squared(off / (2.0 * median)));
         })?;
+        stop::go_on(stop)?;
         similarity = fit(&pairs, false)?;
     }
     stop::go_on(stop)?;

@@ -73,3 +73,53 @@ pub fn relief_of(
     });
     best
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+    use crate::mesh::surface::Surface;
+    use crate::registration::Budget;
+    use crate::registration::similarity::Similarity;
+    use crate::sample::Sample;
+
+    /// A smooth, nearly round surface, a tenth of which hardly says how it is turned.
+    #[test]
+    fn a_moved_part_of_a_round_host_is_read_with_every_key() {
+        let mesh = Sample::Blob.mesh(10_000).unwrap();
+        let home = Home::new(mesh.clone());
+        let plain = home.surface();
+        let field = home.relief(&|| false).unwrap().field();
+        let place = Similarity {
+            scale: 0.3,
+            rotation: glam::DQuat::from_rotation_y(1.1) * glam::DQuat::from_rotation_x(0.4),
+            translation: DVec3::new(4.0, -2.0, 9.0),
+        };
+        let mut bounds = Vec::new();
+        for key in 1..=12_u8 {
+            let mark = MarkKey::from_bytes([key; 32]);
+            let signs = Signs::new(&mark, field.signs());
+            let amplitude = Amplitude::default();
+            let marked = field.marked(plain, &signs, amplitude.get(), &[]);
+            let towards =
+                DVec3::new(f64::from(key) - 6.0, 3.0, f64::from(key % 5) - 2.0).normalize();
+            let mut along: Vec<f64> = marked.iter().map(|p| p.dot(towards)).collect();
+            let middle = along.len() * 9 / 10;
+            let least = *along.clone().select_nth_unstable_by(middle, f64::total_cmp).1;
+            for x in &mut along {
+                *x -= least;
+            }
+            let inside = |t: &&[u32; 3]| t.iter().all(|&v| along[v as usize] >= 0.0);
+            let kept: Vec<[u32; 3]> = plain.triangles.iter().filter(inside).copied().collect();
+            let single = |p: &DVec3| place.apply(*p).as_vec3().as_dvec3();
+            let part = Mesh::new(marked.iter().map(single).collect(), kept).unwrap();
+            let surface = Surface::new(&part);
+            let visitor = Visitor::new(&part, &surface);
+            let budget = Budget::new(u64::MAX);
+            let within = Within { budget: &budget, stop: &|| false };
+            let found = relief_of(&home, &visitor, &mark, amplitude, within);
+            bounds.push(found.map_or(0.0, |found| found.log10_fp));
+        }
+        assert!(bounds.iter().all(|bound| *bound < -12.0), "{bounds:.1?}");
+    }
+}

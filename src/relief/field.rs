@@ -5,9 +5,10 @@ use rayon::prelude::*;
 
 use super::cells::{AROUND, Cells, weights};
 use super::signs::Signs;
-use crate::mesh::sum::ordered_sum;
+use crate::mesh::stop::{Stop, go_on, mapped, unstopped};
+use crate::mesh::sum::ordered_sum_until;
 use crate::mesh::surface::{Surface, doubled_area};
-use crate::mesh::turning::flipped_triangles;
+use crate::mesh::turning::flipped_until;
 
 /// Side of a cell, as a share of the diagonal. Of 0.01, 0.0125, 0.015 and 0.02 at one distortion, finer
 /// cells read better from fragments and crowds, coarser ones from sparse meshes under strong
@@ -48,14 +49,22 @@ impl Field {
     /// Of a surface; `None` where it has no triangle, or no size that can be computed with.
     #[must_use]
     pub fn new(surface: &Surface) -> Option<Self> {
+        Self::new_until(surface, &|| false)
+    }
+
+    /// The same; `None` also once `stop` answers `true`.
+    #[must_use]
+    pub fn new_until(surface: &Surface, stop: Stop<'_>) -> Option<Self> {
         let (positions, triangles) = (&surface.positions, &surface.triangles);
         let diagonal = surface.diagonal();
         if triangles.is_empty() || !(1e-100..1e100).contains(&diagonal) {
             return None;
         }
+        go_on(stop)?;
         let normals = vertex_normals(positions, triangles);
+        go_on(stop)?;
         let cells = Cells::new(positions, CELL * diagonal);
-        let spread = spread(positions, triangles, &normals, &cells);
+        let spread = spread(surface, &normals, &cells, stop)?;
         (spread > 0.0).then_some(Self { cells, diagonal, normals, spread })
     }
 
@@ -95,20 +104,32 @@ impl Field {
         amplitude: f64,
         pinned: &[bool],
     ) -> Vec<DVec3> {
+        unstopped(|stop| self.marked_until(surface, signs, amplitude, pinned, stop))
+    }
+
+    /// The same; `None` once `stop` answers `true`.
+    #[must_use]
+    pub fn marked_until(
+        &self,
+        surface: &Surface,
+        signs: &Signs,
+        amplitude: f64,
+        pinned: &[bool],
+        stop: Stop<'_>,
+    ) -> Option<Vec<DVec3>> {
         let size = self.size(amplitude) * self.diagonal;
-        let move_of = |(vertex, (p, n)): (usize, (&DVec3, &DVec3))| {
+        let move_of = |vertex: usize, p: &DVec3| {
             if pinned.get(vertex).copied().unwrap_or(false) {
                 return DVec3::ZERO;
             }
-            size * self.value(*p, signs) * *n
+            size * self.value(*p, signs) * self.normals[vertex]
         };
-        let all = surface.positions.par_iter().zip(&self.normals).enumerate();
-        let mut moves: Vec<DVec3> = all.with_min_len(4096).map(move_of).collect();
+        let mut moves = mapped(&surface.positions, stop, move_of)?;
         for round in 0..=HALVINGS {
             let moved = added(&surface.positions, &moves);
-            let turned = flipped_triangles(surface, &moved);
+            let turned = flipped_until(surface, &moved, stop)?;
             if turned.is_empty() {
-                return moved;
+                return Some(moved);
             }
             let less = if round < HALVINGS { 0.5 } else { 0.0 };
             let mut corners: Vec<u32> =
@@ -119,7 +140,7 @@ impl Field {
                 moves[vertex as usize] *= less;
             }
         }
-        added(&surface.positions, &moves)
+        Some(added(&surface.positions, &moves))
     }
 }
 
@@ -133,7 +154,8 @@ pub struct Share {
 }
 
 impl Field {
-    /// What share of a mark the carriers at `moved` have: least squares along the normals.
+    /// What share of a mark the carriers at `moved` have: least squares along the normals. `None` once
+    /// `stop` answers `true`.
     #[must_use]
     pub fn share_of(
         &self,
@@ -141,14 +163,15 @@ impl Field {
         moved: &[DVec3],
         signs: &Signs,
         amplitude: f64,
-    ) -> Share {
+        stop: Stop<'_>,
+    ) -> Option<Share> {
         let size = self.size(amplitude) * self.diagonal;
         let all: Vec<usize> = (0..surface.positions.len().min(moved.len())).collect();
         let pair = |&v: &usize| {
             let (p, n) = (surface.positions[v], self.normals[v]);
             (size * self.value(p, signs) * n.length(), (moved[v] - p).dot(n))
         };
-        let sums = ordered_sum(
+        let sums = ordered_sum_until(
             &all,
             DVec3::ZERO,
             |sums, v| {
@@ -156,10 +179,11 @@ impl Field {
                 sums + DVec3::new(meant * meant, meant * found, found * found)
             },
             |a, b| a + b,
-        );
+            stop,
+        )?;
         let value = sums.y / sums.x;
         let noise = (sums.z - value * sums.y).max(0.0) / all.len().max(1) as f64;
-        Share { value, uncertainty: (noise / sums.x).sqrt() }
+        Some(Share { value, uncertainty: (noise / sums.x).sqrt() })
     }
 
     /// The field at a point of the host.
@@ -177,9 +201,10 @@ fn added(positions: &[DVec3], moves: &[DVec3]) -> Vec<DVec3> {
 /// Over the signs, `E u_k u_l = (n_k . n)(n_l . n) sum_c B_kc B_lc` for the distances `u` that two
 /// corners of a triangle with normal `n` move along it; over a triangle, the mean square of what
 /// lies between them is `(sum_k u_k^2 + sum_(k < l) u_k u_l) / 6`.
-fn spread(positions: &[DVec3], triangles: &[[u32; 3]], normals: &[DVec3], cells: &Cells) -> f64 {
-    let (squares, area) = ordered_sum(
-        triangles,
+fn spread(surface: &Surface, normals: &[DVec3], cells: &Cells, stop: Stop<'_>) -> Option<f64> {
+    let positions = &surface.positions;
+    let (squares, area) = ordered_sum_until(
+        &surface.triangles,
         (0.0, 0.0),
         |(squares, area), t| {
             let [a, b, c] = t.map(|v| positions[v as usize]);
@@ -199,8 +224,9 @@ fn spread(positions: &[DVec3], triangles: &[[u32; 3]], normals: &[DVec3], cells:
             (squares + size * mean, area + size)
         },
         |(s, a), (t, b)| (s + t, a + b),
-    );
-    (squares / area).max(0.0).sqrt()
+        stop,
+    )?;
+    Some((squares / area).max(0.0).sqrt())
 }
 
 const _: () = assert!(AROUND == 27);

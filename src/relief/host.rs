@@ -44,7 +44,7 @@ impl ReliefHost {
     /// The same; `None` also once `stop` answers `true`.
     #[must_use]
     pub fn new_until(surface: Surface, stop: Stop<'_>) -> Option<Self> {
-        let field = Field::new(&surface)?;
+        let field = Field::new_until(&surface, stop)?;
         go_on(stop)?;
         let (node_of, nodes) = nodes(&surface.positions, field.cells());
         go_on(stop)?;

@@ -5,7 +5,7 @@ use glam::{DQuat, DVec3};
 
 use super::heights::{Points, heights_of};
 use super::host::ReliefHost;
-use super::regress::regress;
+use super::regress::{median_size, regress};
 use crate::mesh::surface::Surface;
 
 /// Rounds at the most; two bring half a degree to a hundredth of that.
@@ -19,6 +19,9 @@ const LEAST: usize = 200;
 
 /// How far off a registration is usually: shares of the diagonal, of the size, and radians.
 const EXPECTED: f64 = 5e-4;
+
+/// A motion is kept where it brings the median height to this share of what it was, at least.
+const CLOSER: f64 = 0.9;
 
 /// Moves of the farthest point, as a share of the diagonal, below which nothing is moved any more: a
 /// tenth of the heights that are read.
@@ -36,10 +39,18 @@ pub(super) fn refined(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Option<Vec<DVec3>> {
     let mut now = positions.to_vec();
-    for _ in 0..ROUNDS {
+    let mut before: Option<(f64, Vec<DVec3>)> = None;
+    for round in 0..=ROUNDS {
         let points = Points::in_triangles(host, suspect, &now, mirrored, POINTS);
         let heights = heights_of(host, &points.all, stop)?;
-        if heights.len() < LEAST {
+        let size = median_size(&heights.iter().map(|of| of.above).collect::<Vec<f64>>());
+        if let Some((was, positions)) = before.take()
+            && (heights.len() < LEAST || size > CLOSER * was)
+        {
+            // What does not bring the suspect closer is a turn that heights do not settle.
+            return Some(positions);
+        }
+        if heights.len() < LEAST || round == ROUNDS {
             break;
         }
         let Some(motion) = regress(host, &heights, Some(EXPECTED)).similarity else { break };
@@ -52,6 +63,7 @@ pub(super) fn refined(
         }
         // Of a small turn; exact to its square, which the next round sees.
         let half = -0.5 * turn;
+        before = Some((size, now.clone()));
         let back = DQuat::from_xyzw(half.x, half.y, half.z, 1.0).normalize();
         let diagonal = host.field.diagonal();
         for p in &mut now {

@@ -96,7 +96,7 @@ fn normal_equations(
 }
 
 /// Median of sizes; 0 of nothing.
-fn median_size(values: &[f64]) -> f64 {
+pub(super) fn median_size(values: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = values.iter().map(|x| x.abs()).collect();
     let middle = sizes.len() / 2;
     if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 }

@@ -135,13 +135,23 @@ impl HostFilter {
         }
         let squares = squares / (3.0 * surface.triangles.len() as f64);
         let smoothing = Smoothing::new_until(&surface, stop).ok_or(cancelled)?;
-        let pairs = || zeros.iter().zip(&ones);
+        let of = |at: &dyn Fn(usize, &DVec3) -> DVec3| -> Result<Vec<DVec3>, WatermarkError> {
+            let mut all = Vec::with_capacity(zeros.len());
+            for (step, zeros) in zeros.chunks(STEP).enumerate() {
+                go_on(stop).ok_or(WatermarkError::Cancelled)?;
+                all.extend((step * STEP..).zip(zeros).map(|(carrier, zero)| at(carrier, zero)));
+            }
+            Ok(all)
+        };
+        let middle = of(&|carrier, zero| zero.midpoint(ones[carrier]))?;
+        let difference = of(&|carrier, zero| ones[carrier] - *zero)?;
+        go_on(stop).ok_or(WatermarkError::Cancelled)?;
         Ok(Self {
             bits: params.bits,
             stride: squares.sqrt() / lattice.width,
             bins: rho.iter().map(bin).collect(),
-            middle: pairs().map(|(&zero, &one)| zero.midpoint(one)).collect(),
-            difference: pairs().map(|(&zero, &one)| one - zero).collect(),
+            middle,
+            difference,
             smoothing,
             surface,
         })
