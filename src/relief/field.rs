@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::cells::{AROUND, Cells, weights};
 use super::signs::Signs;
-use crate::mesh::stop::{Stop, go_on, mapped, unstopped};
+use crate::mesh::stop::{Stop, go_on, in_steps_of, mapped, unstopped};
 use crate::mesh::sum::ordered_sum_until;
 use crate::mesh::surface::{Surface, doubled_area};
 use crate::mesh::turning::flipped_until;
@@ -202,27 +202,32 @@ fn added(positions: &[DVec3], moves: &[DVec3]) -> Vec<DVec3> {
 /// corners of a triangle with normal `n` move along it; over a triangle, the mean square of what
 /// lies between them is `(sum_k u_k^2 + sum_(k < l) u_k u_l) / 6`.
 fn spread(surface: &Surface, normals: &[DVec3], cells: &Cells, stop: Stop<'_>) -> Option<f64> {
-    let positions = &surface.positions;
-    let (squares, area) = ordered_sum_until(
-        &surface.triangles,
-        (0.0, 0.0),
-        |(squares, area), t| {
-            let [a, b, c] = t.map(|v| positions[v as usize]);
-            let across = doubled_area(a, b, c);
-            let normal = across.normalize_or_zero();
-            let places = [a, b, c].map(|p| cells.place(p));
-            let along = t.map(|v| normals[v as usize].dot(normal));
-            let all = places.map(|place| weights(&place));
-            let mut mean = 0.0;
-            for k in 0..3 {
-                for l in k..3 {
-                    let common = Cells::common((&places[k], &all[k]), (&places[l], &all[l]));
-                    mean += along[k] * along[l] * common / 6.0;
-                }
+    /// Triangles between two questions whether to stop: each takes about a microsecond.
+    const STEP: usize = 8192;
+    let (positions, triangles) = (&surface.positions, &surface.triangles);
+    let of = |triangle: usize| {
+        let t = triangles[triangle];
+        let [a, b, c] = t.map(|v| positions[v as usize]);
+        let across = doubled_area(a, b, c);
+        let normal = across.normalize_or_zero();
+        let places = [a, b, c].map(|p| cells.place(p));
+        let along = t.map(|v| normals[v as usize].dot(normal));
+        let all = places.map(|place| weights(&place));
+        let mut mean = 0.0;
+        for k in 0..3 {
+            for l in k..3 {
+                let common = Cells::common((&places[k], &all[k]), (&places[l], &all[l]));
+                mean += along[k] * along[l] * common / 6.0;
             }
-            let size = across.length();
-            (squares + size * mean, area + size)
-        },
+        }
+        let size = across.length();
+        (size * mean, size)
+    };
+    let all = in_steps_of(STEP, triangles.len(), stop, of)?;
+    let (squares, area) = ordered_sum_until(
+        &all,
+        (0.0, 0.0),
+        |(squares, area), (square, size)| (squares + square, area + size),
         |(s, a), (t, b)| (s + t, a + b),
         stop,
     )?;
