@@ -15,6 +15,7 @@ pub mod sampling;
 pub mod stop;
 pub mod sum;
 pub mod surface;
+pub mod tree;
 pub mod turning;
 pub mod weld;
 

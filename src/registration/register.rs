@@ -209,7 +209,7 @@ mod tests {
                 let budget = Budget::new(tests);
                 let found = register(&host, suspect, Effort::Whole, free(&budget));
                 // What a search costs has to be found out: sixty per alignment that is planned.
-                let planning = 25 * 60 * crate::registration::align::MOST_TESTS;
+                let planning = 25 * 60 * crate::mesh::tree::MOST_TESTS;
                 assert!(budget.spent() <= tests + planning, "{tests}: {}", budget.spent());
                 assert!(found.iter().all(|a| a.similarity.is_valid()));
             }

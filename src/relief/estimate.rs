@@ -56,7 +56,7 @@ impl<'a> Equations<'a> {
         let mut right = vec![0.0; count];
         let mut all: Vec<(u64, f64)> = Vec::with_capacity(9 * samples.len());
         for sample in samples {
-            let corners = host.surface.triangles[sample.of.triangle as usize];
+            let corners = host.tree.triangles()[sample.of.triangle as usize];
             let part = |k: usize| {
                 let (vertex, share) = (corners[k] as usize, sample.of.at[k]);
                 (host.node_of[vertex], share * host.field.normals()[vertex].dot(sample.of.normal))

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::field::vertex_normals;
 use super::host::ReliefHost;
 use crate::mesh::sampling::in_triangles;
+use crate::mesh::stop::Stop;
 use crate::mesh::surface::{Surface, doubled_area};
 
 /// Least cosine between the normals of a suspect and of its host at one place.
@@ -37,20 +38,38 @@ pub(super) struct Heights {
     pub(super) distinct: f64,
 }
 
-/// The height of a point with a normal; `None` where the host is not there.
-fn height(host: &ReliefHost, p: DVec3, normal: DVec3) -> Option<Height> {
-    let foot = host.closest.footpoint(p);
-    let corners = host.surface.triangles[foot.triangle as usize];
-    let [a, b, c] = corners.map(|v| host.surface.positions[v as usize]);
-    let across = doubled_area(a, b, c).normalize_or_zero();
-    let off = p - foot.place;
-    let near = off.length() <= REACH * host.field.diagonal();
+/// What a reading may still spend: tests of the search tree (a box or a triangle that is looked at), so
+/// that it takes as long as it may on any surface, and is the same on any number of threads.
+pub(super) struct Work<'a> {
+    tests: u64,
+    pub(super) stop: Stop<'a>,
+}
+
+impl<'a> Work<'a> {
+    pub(super) fn new(tests: u64, stop: Stop<'a>) -> Self {
+        Self { tests, stop }
+    }
+}
+
+/// The height of a point with a normal; `None` where the host is not there. Adds what the search took to
+/// `tests`.
+fn height(host: &ReliefHost, p: DVec3, normal: DVec3, tests: &mut u64) -> Option<Height> {
+    let diagonal = host.field.diagonal();
+    let (number, foot) = host.tree.closest(p, REACH * diagonal, tests)?;
+    let corners = host.tree.triangles().get(number)?;
+    let [a, b, c] = corners.map(|v| host.tree.points()[v as usize]);
+    let area = doubled_area(a, b, c);
+    let across = area.normalize_or_zero();
+    let off = p - foot;
+    let near = off.length() <= REACH * diagonal;
+    // Barycentric coordinates are the shares of the area opposite to each corner.
+    let share = |p: DVec3, q: DVec3| doubled_area(foot, p, q).dot(area) / area.length_squared();
     (near && across.dot(normal) > ALIKE).then(|| Height {
-        triangle: foot.triangle,
-        at: foot.weights,
-        foot: foot.place,
+        triangle: u32::try_from(number).unwrap_or(u32::MAX),
+        at: [share(b, c), share(c, a), share(a, b)],
+        foot,
         normal: across,
-        above: off.dot(across) / host.field.diagonal(),
+        above: off.dot(across) / diagonal,
     })
 }
 
@@ -92,28 +111,46 @@ impl Points {
     }
 }
 
-/// Heights of points; those where the host is not near, or faces another way, have none. `None` when
-/// stopped.
+/// Heights of points, of as many as there is work left for; those where the host is not near, or faces
+/// another way, have none. `None` when stopped.
 pub(super) fn heights_of(
     host: &ReliefHost,
     points: &[(DVec3, DVec3)],
-    stop: &(dyn Fn() -> bool + Sync),
+    work: &mut Work<'_>,
 ) -> Option<Vec<Height>> {
     /// Points between two questions whether to stop.
     const BLOCK: usize = 4096;
-    let of = |block: &[(DVec3, DVec3)]| {
-        let heights = block.iter().filter_map(|&(p, normal)| height(host, p, normal));
-        (!stop()).then(|| heights.collect::<Vec<Height>>())
+    /// Points by which it is found out what a search costs here.
+    const PROBES: usize = 64;
+    let stop = work.stop;
+    let of = |block: &[&(DVec3, DVec3)]| {
+        let mut tests = 0;
+        let of = |&&(p, normal): &&(DVec3, DVec3)| height(host, p, normal, &mut tests);
+        let heights: Vec<Height> = block.iter().filter_map(of).collect();
+        (!stop()).then_some((heights, tests))
     };
-    let blocks: Option<Vec<Vec<Height>>> = points.par_chunks(BLOCK).map(of).collect();
-    Some(blocks?.concat())
+    let every = |step: usize| points.iter().step_by(step.max(1)).collect::<Vec<_>>();
+    let (_, probed) = of(&every(points.len().div_ceil(PROBES)))?;
+    work.tests = work.tests.saturating_sub(probed);
+    let cost = probed.div_ceil(PROBES as u64).max(1);
+    let affordable = usize::try_from(work.tests / cost).unwrap_or(usize::MAX);
+    if affordable == 0 {
+        return Some(Vec::new());
+    }
+    let points = every(points.len().div_ceil(affordable));
+    let blocks: Option<Vec<(Vec<Height>, u64)>> = points.par_chunks(BLOCK).map(of).collect();
+    let blocks = blocks?;
+    let spent: u64 = blocks.iter().map(|(_, tests)| tests).sum();
+    work.tests = work.tests.saturating_sub(spent);
+    Some(blocks.into_iter().flat_map(|(heights, _)| heights).collect())
 }
 
 /// At most so many points of each kind.
 const MOST: usize = 150_000;
 
-/// Points on triangles per face of a cell.
+/// Points on triangles per face of a cell, and at most so many per triangle: more say nothing new.
 const PER_CELL: f64 = 12.0;
+const PER_TRIANGLE: f64 = 64.0;
 
 /// How many points to spread over triangles: by their area, the same for a part as it would be in the
 /// whole.
@@ -127,7 +164,8 @@ fn count_in_triangles(host: &ReliefHost, positions: &[DVec3], triangles: &[[u32;
         })
         .sum();
     let side = host.field.cells().side();
-    (PER_CELL * area / (side * side)).clamp(0.0, MOST as f64) as usize
+    let most = (PER_TRIANGLE * triangles.len() as f64).min(MOST as f64);
+    (PER_CELL * area / (side * side)).clamp(0.0, most) as usize
 }
 
 /// Heights of the vertices and of the triangles of a suspect whose carriers are at `positions`, in the
@@ -137,12 +175,12 @@ pub(super) fn heights(
     suspect: &Surface,
     positions: &[DVec3],
     mirrored: bool,
-    stop: &(dyn Fn() -> bool + Sync),
+    work: &mut Work<'_>,
 ) -> Option<[Heights; 2]> {
     let vertices = Points::at_vertices(suspect, positions, mirrored);
     let inside = Points::in_triangles(host, suspect, positions, mirrored, MOST);
-    let of = |points: Points| {
-        let all = heights_of(host, &points.all, stop)?;
+    let mut of = |points: Points| {
+        let all = heights_of(host, &points.all, work)?;
         Some(Heights { all, distinct: points.distinct })
     };
     Some([of(vertices)?, of(inside)?])

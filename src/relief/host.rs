@@ -6,11 +6,11 @@ use rayon::prelude::*;
 
 use super::cells::{AROUND, Cells, weights};
 use super::field::Field;
-use super::heights::{Points, heights_of};
+use super::heights::{Points, Work, heights_of};
 use super::smoothing::{ROUNDS, smoothing};
-use crate::mesh::closest::Closest;
 use crate::mesh::stop::{Stop, go_on};
 use crate::mesh::surface::Surface;
+use crate::mesh::tree::SearchTree;
 
 /// A node: the vertices of the host in one part of a cell, which belong to the same cells. There are
 /// no more nodes than the surface has parts of cells, however many vertices it has.
@@ -23,13 +23,12 @@ pub(super) struct Node {
 
 /// A host, ready for readings; made of the surface alone.
 pub struct ReliefHost {
-    pub(super) surface: Surface,
     pub(super) field: Field,
     pub(super) centre: DVec3,
     pub(super) low: DVec3,
+    pub(super) tree: SearchTree,
     pub(super) node_of: Vec<u32>,
     pub(super) nodes: Vec<Node>,
-    pub(super) closest: Closest,
     /// Per vertex, how far rounds of smoothing move it along the normal, as shares of the diagonal.
     pub(super) smoothed: Vec<[f32; ROUNDS.len()]>,
 }
@@ -48,11 +47,12 @@ impl ReliefHost {
         go_on(stop)?;
         let (node_of, nodes) = nodes(&surface.positions, field.cells());
         go_on(stop)?;
-        let closest = Closest::new(&surface)?;
         let smoothed = smoothing(&surface, field.normals(), field.diagonal(), stop)?;
         let centre = surface.centre();
         let low = surface.positions.iter().fold(DVec3::INFINITY, |low, &p| low.min(p));
-        Some(Self { surface, field, centre, low, node_of, nodes, closest, smoothed })
+        let bounds = (low, field.diagonal());
+        let tree = SearchTree::new(surface.positions, surface.triangles, bounds, stop)?;
+        Some(Self { field, centre, low, tree, node_of, nodes, smoothed })
     }
 
     /// Which share of a suspect's surface lies on the host's, within 1.2 % of the diagonal and facing the
@@ -69,7 +69,7 @@ impl ReliefHost {
         /// Points that are looked at: a share is exact to a percent.
         const POINTS: usize = 4000;
         let points = Points::in_triangles(self, suspect, positions, mirrored, POINTS);
-        let on = heights_of(self, &points.all, stop)?.len();
+        let on = heights_of(self, &points.all, &mut Work::new(u64::MAX, stop))?.len();
         Some(on as f64 / points.all.len().max(1) as f64)
     }
 

@@ -86,8 +86,7 @@ impl Amplitude {
     }
 }
 
-/// With the blind layer at its usual strength beside it, a mark stays below 0.01 % on nearly all meshes
-/// (`benches/fidelity.rs`).
+/// The relief's share of 0.01 %, which is what a mark may distort where nothing is asked for.
 impl Default for Amplitude {
     fn default() -> Self {
         Self(8e-5)

@@ -3,7 +3,7 @@
 
 use glam::{DQuat, DVec3};
 
-use super::heights::{Points, heights_of};
+use super::heights::{Points, Work, heights_of};
 use super::host::ReliefHost;
 use super::regress::{median_size, regress};
 use crate::mesh::surface::Surface;
@@ -36,13 +36,13 @@ pub(super) fn refined(
     suspect: &Surface,
     positions: &[DVec3],
     mirrored: bool,
-    stop: &(dyn Fn() -> bool + Sync),
+    work: &mut Work<'_>,
 ) -> Option<Vec<DVec3>> {
     let mut now = positions.to_vec();
     let mut before: Option<(f64, Vec<DVec3>)> = None;
     for round in 0..=ROUNDS {
         let points = Points::in_triangles(host, suspect, &now, mirrored, POINTS);
-        let heights = heights_of(host, &points.all, stop)?;
+        let heights = heights_of(host, &points.all, work)?;
         let size = median_size(&heights.iter().map(|of| of.above).collect::<Vec<f64>>());
         if let Some((was, positions)) = before.take()
             && (heights.len() < LEAST || size > CLOSER * was)

@@ -40,7 +40,7 @@ fn row(host: &ReliefHost, of: &Height) -> [f64; TERMS] {
     let similarity =
         [of.normal.x, of.normal.y, of.normal.z, turned.x, turned.y, turned.z, arm.dot(of.normal)];
     row[..SIMILARITY].copy_from_slice(&similarity);
-    let corners = host.surface.triangles[of.triangle as usize];
+    let corners = host.tree.triangles()[of.triangle as usize];
     for (vertex, share) in corners.into_iter().zip(of.at) {
         let moved = host.smoothed[vertex as usize];
         for (term, moved) in row[SIMILARITY..].iter_mut().zip(moved) {

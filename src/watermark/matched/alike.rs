@@ -142,7 +142,8 @@ mod tests {
         let field: Vec<DVec3> = carriers.map(|&v| marked.positions[v as usize]).collect();
         let turn = DQuat::from_rotation_x(1e-3);
         for rounds in [6, 10, 12, 50] {
-            let field = filter.smoothing().smoothed(field.clone(), rounds);
+            let field =
+                filter.smoothing().smoothed_until(field.clone(), rounds, &crate::mesh::stop::never);
             let seen = |at: &dyn Fn(DVec3) -> DVec3| -> Vec<Sighting> {
                 (0..).zip(&field).map(|(carrier, p)| Sighting { carrier, at: at(*p) }).collect()
             };

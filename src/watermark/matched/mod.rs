@@ -392,7 +392,7 @@ mod tests {
         let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
         let mut field: Vec<DVec3> =
             filter.surface().first_vertex.iter().map(|&v| marked.positions[v as usize]).collect();
-        field = filter.smoothing().smoothed(field, 10);
+        field = filter.smoothing().smoothed_until(field, 10, &crate::mesh::stop::never);
         let sightings = |field: &[DVec3]| -> Vec<Sighting> {
             (0..).zip(field).map(|(carrier, &at)| Sighting { carrier, at }).collect()
         };

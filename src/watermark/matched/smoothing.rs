@@ -61,13 +61,7 @@ impl Smoothing {
     }
 
     /// `S`: rounds of going half-way to the mean of the neighbours (each triangle counts its
-    /// corners).
-    #[cfg(test)]
-    pub(super) fn smoothed(&self, field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
-        self.smoothed_until(field, rounds, &crate::mesh::stop::never)
-    }
-
-    /// The same; worth nothing once `stop` answers `true`.
+    /// corners). Worth nothing once `stop` answers `true`.
     pub(super) fn smoothed_until(
         &self,
         mut field: Vec<DVec3>,
@@ -92,13 +86,7 @@ impl Smoothing {
         field
     }
 
-    /// `S*`: the same, the other way round.
-    #[cfg(test)]
-    pub(super) fn adjoint(&self, field: Vec<DVec3>, rounds: usize) -> Vec<DVec3> {
-        self.adjoint_until(field, rounds, &crate::mesh::stop::never)
-    }
-
-    /// The same; worth nothing once `stop` answers `true`.
+    /// `S*`: the same, the other way round. Worth nothing once `stop` answers `true`.
     pub(super) fn adjoint_until(
         &self,
         mut field: Vec<DVec3>,
@@ -159,12 +147,15 @@ mod tests {
             let dot =
                 |a: &[DVec3], b: &[DVec3]| a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum::<f64>();
             let (a, b) = (field(3.0), field(-7.0));
-            let forth = dot(&smoothing.smoothed(a.clone(), 3), &b);
-            let back = dot(&a, &smoothing.adjoint(b.clone(), 3));
+            let forth = dot(&smoothing.smoothed_until(a.clone(), 3, &never), &b);
+            let back = dot(&a, &smoothing.adjoint_until(b.clone(), 3, &never));
             assert!((forth - back).abs() <= 1e-9 * forth.abs(), "{sample}: {forth} {back}");
             let even = vec![DVec3::ONE; a.len()];
             let off = |p: &DVec3| p.distance(DVec3::ONE);
-            assert!(smoothing.smoothed(even, 5).iter().map(off).fold(0.0, f64::max) < 1e-12);
+            assert!(
+                smoothing.smoothed_until(even, 5, &never).iter().map(off).fold(0.0, f64::max)
+                    < 1e-12
+            );
         }
     }
 }
