@@ -23,14 +23,11 @@ pub fn share_on(
         // The same vertices at nearly the same places need no closer look.
         let share = if in_order {
             Some(1.0)
-        } else if look.kind == LookKind::InPlace {
-            // Followed by one that knows whether it is in place.
+        } else if !look.is_placed() {
             None
         } else {
             let suspect = visitor.surface();
-            let positions: Vec<glam::DVec3> =
-                suspect.positions.iter().map(|p| look.similarity.apply(*p)).collect();
-            let mirrored = look.similarity.scale < 0.0;
+            let (positions, mirrored) = look.placed(suspect);
             let host = home.relief(within.stop);
             host.and_then(|host| host.share_on(suspect, &positions, mirrored, within.stop))
         };

@@ -2,9 +2,12 @@
 
 use std::ops::ControlFlow;
 
+use glam::DVec3;
+
 use super::home::{Home, Visitor};
 use crate::mesh::powers::squared;
 use crate::mesh::stop::{self, Stop, changed, chosen};
+use crate::mesh::surface::Surface;
 use crate::registration::similarity::{Pair, fit};
 use crate::registration::{
     Alignment, Effort, Similarity, Within, by_surface, by_twins, in_place, suffices,
@@ -68,6 +71,19 @@ pub struct Look {
 }
 
 impl Look {
+    /// Whether it says where the suspect's surface lies: one that only assumes that nothing was moved is
+    /// followed by another ([`LookKind::Near`]) where that is so.
+    #[must_use]
+    pub fn is_placed(&self) -> bool {
+        self.kind != LookKind::InPlace || !self.sightings.is_empty()
+    }
+
+    /// Where it puts the suspect's carriers, and whether that turns the surface inside out.
+    pub(super) fn placed(&self, suspect: &Surface) -> (Vec<DVec3>, bool) {
+        let place = |p: &DVec3| self.similarity.apply(*p);
+        (suspect.positions.iter().map(place).collect(), self.similarity.scale < 0.0)
+    }
+
     /// The host's frame in the suspect's coordinates.
     #[must_use]
     pub fn frame_of(&self, host: &Frame) -> Frame {

@@ -1,9 +1,8 @@
 //! The relief of one mark, read from a suspect wherever a look has it.
 
-use glam::DVec3;
-
 use super::home::{Home, Visitor};
-use super::look::{Look, LookKind, looks_until};
+use super::look::{Look, looks_until};
+use crate::mesh::stop::Stop;
 use crate::registration::{Effort, Within};
 use crate::relief::{Amplitude, ReliefReading, Signs};
 use crate::watermark::MarkKey;
@@ -19,32 +18,23 @@ pub struct ReliefFound {
     pub agreeing: usize,
 }
 
-/// Whether a look says where the suspect's surface lies: one that only assumes that nothing was moved
-/// is followed by another ([`LookKind::Near`]) where that is so.
-#[must_use]
-pub fn is_placed(look: &Look) -> bool {
-    look.kind != LookKind::InPlace || !look.sightings.is_empty()
-}
-
 /// What a suspect's surface says of the signs of a host, at a look; `None` where it is nowhere near, the
-/// look does not say where it is, or once `within.stop` answers `true`.
+/// look does not say where it is, or once `stop` answers `true`.
 #[must_use]
 pub fn relief_at(
     home: &Home,
     visitor: &Visitor<'_>,
     look: &Look,
     amplitude: Amplitude,
-    within: Within<'_>,
+    stop: Stop<'_>,
 ) -> Option<ReliefReading> {
-    if !is_placed(look) {
+    if !look.is_placed() {
         return None;
     }
-    let host = home.relief(within.stop)?;
+    let host = home.relief(stop)?;
     let suspect = visitor.surface();
-    let positions: Vec<DVec3> =
-        suspect.positions.iter().map(|p| look.similarity.apply(*p)).collect();
-    let mirrored = look.similarity.scale < 0.0;
-    ReliefReading::new(host, suspect, &positions, mirrored, amplitude.get(), within.stop)
+    let (positions, mirrored) = look.placed(suspect);
+    ReliefReading::new(host, suspect, &positions, mirrored, amplitude.get(), stop)
 }
 
 /// The best that the relief of a key reads with.
@@ -60,7 +50,7 @@ pub fn relief_of(
     const CERTAIN: f64 = -15.0;
     let mut best: Option<ReliefFound> = None;
     let _ = looks_until(home, visitor, Effort::Whole, within, &mut |look| {
-        if let Some(reading) = relief_at(home, visitor, look, amplitude, within) {
+        if let Some(reading) = relief_at(home, visitor, look, amplitude, within.stop) {
             let signs = Signs::new(key, reading.signed_weights().len());
             let log10_bound = reading.log10_bound(reading.score(&signs));
             let log10_fp = (log10_bound - libm::log10(look.kind.share())).min(0.0);
@@ -76,6 +66,8 @@ pub fn relief_of(
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::mesh::Mesh;
     use crate::mesh::surface::Surface;
