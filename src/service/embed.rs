@@ -6,30 +6,19 @@
 
 use std::sync::{Arc, OnceLock};
 
-use bytes::Bytes;
 use jiff::Timestamp;
 use tracing::error;
 use uuid::Uuid;
 
-use super::content::packed;
-use super::existing::Seen;
 use super::known::mark_key;
-use super::memory::{self, Purpose};
-use super::register::KeptHost;
+use super::making::{Force, Making, is_about_the_codeword, layers_of};
 use super::{Content, OnExisting, Service, ServiceError, Spooled, Text, idempotency};
-use crate::blobs::{Kind, geometry, marked};
-use crate::formats::{Asset, Format, sniff};
-use crate::jobs::{JobError, Stop};
+use crate::blobs::Kind;
+use crate::formats::Format;
 use crate::keys::random_bytes;
-use crate::marking::{
-    Amplitude, Layers, MOST_STRENGTHS, MarkReport, MarkRequest, Marked, MaxDistortion, mark_asset,
-    mark_asset_within,
-};
-use crate::mesh::Mesh;
-use crate::mesh::surface::Surface;
-use crate::registration::{Shape, Sketch};
-use crate::registry::{IdempotencyEntry, Quality, Record};
-use crate::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength, WatermarkError};
+use crate::marking::{Layers, MOST_STRENGTHS, MaxDistortion};
+use crate::registry::{IdempotencyEntry, Record};
+use crate::watermark::{BitCount, Message, Method, Strength};
 
 /// The scheme that this release embeds.
 const SCHEME: u16 = 1;
@@ -78,66 +67,6 @@ pub struct Embedded {
     pub content: Content,
     /// An earlier request with the same idempotency key made it.
     pub replayed: bool,
-}
-
-/// What the pool hands back.
-struct Done {
-    marked: Bytes,
-    marked_sha256: [u8; 32],
-    /// As it is stored, where it is kept.
-    packed: Option<Bytes>,
-    host: Option<KeptHost>,
-    format: Format,
-    frame: crate::watermark::Frame,
-    vertices: u64,
-    triangles: u64,
-    usable_bins: u32,
-    layers: Layers,
-    amplitude: Option<Amplitude>,
-    strength: Strength,
-    /// Others that its codeword was tried with.
-    refused_strengths: u32,
-    quality: Quality,
-    /// Marks that the host carried; none where nobody looked.
-    existing: Option<Vec<Seen>>,
-}
-
-/// How strongly to mark.
-#[derive(Clone, Copy)]
-enum Force {
-    /// With this strength of the blind layer and this amplitude of the relief.
-    Exactly(Strength, Amplitude),
-    /// As strongly as the distortion allows, the blind layer at most with this strength.
-    Within(MaxDistortion, Strength),
-}
-
-impl Force {
-    fn of(request: &EmbedRequest, layers: Layers) -> Self {
-        match (request.max_distortion, request.strength) {
-            (None, None) if layers.has_relief() => {
-                Self::Within(MaxDistortion::USUAL, Strength::BESIDE_A_RELIEF)
-            }
-            (None, strength) => Self::Exactly(strength.unwrap_or_default(), Amplitude::default()),
-            (Some(limit), strength) => Self::Within(limit, strength.unwrap_or(Strength::MAX)),
-        }
-    }
-}
-
-/// One marking.
-struct Making {
-    file: Spooled,
-    /// Formats that the caller takes back.
-    formats: Vec<Format>,
-    key: MarkKey,
-    message: Message,
-    how: (Method, BitCount, Force),
-    layers: Layers,
-    keep_host: bool,
-    keep_file: bool,
-    /// Without it nobody looks what the host carries.
-    on_existing: Option<OnExisting>,
-    /// Receives the key of the host's geometry as soon as the host was read, whatever comes of it.
-    geometry: Arc<OnceLock<[u8; 32]>>,
 }
 
 impl Service {
@@ -275,103 +204,6 @@ impl Service {
         Ok(Embedded { record, content, replayed: false })
     }
 
-    /// Reads the host, looks what it carries, marks it and measures the result.
-    async fn mark(self: &Arc<Self>, making: Making) -> Result<Done, ServiceError> {
-        let Making { file, formats, key, message, how, layers, keep_host, keep_file, .. } = making;
-        let Making { on_existing, geometry, .. } = making;
-        let (method, bits, force) = how;
-        let limits = self.config.limits;
-        let independent_check_max_bytes = self.config.independent_check_max_bytes;
-        let start = match force {
-            Force::Exactly(strength, _) => strength,
-            // Where most searches end near.
-            Force::Within(_, strongest) if strongest < Strength::default() => strongest,
-            Force::Within(..) => Strength::default(),
-        };
-        let service = self.clone();
-        let slot = self.admit()?;
-        let (spooled, looks) = (Arc::new(file), on_existing.is_some());
-        let file = spooled.clone();
-        let (asset, host_key, looking) = self
-            .run(&slot, spooled.bytes, move |allowed| {
-                let host_bytes = file.read()?;
-                takes(&formats, sniff(&host_bytes)?)?;
-                let stop = || allowed.stop().now();
-                let asset = Asset::read_until(&host_bytes, &limits, &stop)?;
-                allowed.need(memory::needed(asset.mesh(), Purpose::Embed))?;
-                let host_key = geometry::key_until(asset.mesh(), &stop);
-                let host_key = host_key.ok_or_else(|| allowed.stop().reason())?;
-                let host_key = *geometry.get_or_init(|| host_key);
-                let looking = if looks {
-                    service.begin_looking(&asset, &host_key, allowed.stop())?
-                } else {
-                    None
-                };
-                Ok((Arc::new(asset), host_key, looking))
-            })
-            .await?;
-        let existing = match (on_existing, looking) {
-            (None, _) => None,
-            (Some(_), None) => Some(Vec::new()),
-            (Some(on_existing), Some(looking)) => {
-                let seen = self.marks_on(&slot, &asset, &host_key, looking).await?;
-                on_existing.permits(&seen)?;
-                Some(seen)
-            }
-        };
-        let asset = Arc::into_inner(asset)
-            .ok_or_else(|| ServiceError::Internal("a host is still looked at".to_owned()))?;
-        self.run_once(&slot, move |allowed| {
-            let host_bytes = spooled.read()?;
-            let stop = || allowed.stop().now();
-            let request = MarkRequest {
-                key: &key,
-                message: &message,
-                params: EmbedParams { method, strength: start, bits, closed_loop: true },
-                layers,
-                amplitude: match force {
-                    Force::Exactly(_, amplitude) => amplitude,
-                    Force::Within(..) => Amplitude::default(),
-                },
-                limits,
-                stop: &stop,
-                independent_check_max_bytes,
-            };
-            let marked = match force {
-                Force::Exactly(..) => mark_asset(asset, &host_bytes, &request)?,
-                Force::Within(limit, strongest) => {
-                    mark_asset_within(asset, &host_bytes, &request, limit, strongest)?
-                }
-            };
-            let Marked { bytes, format, host, host_frame, report } = marked;
-            drop(host_bytes);
-            let kept = keep_host.then(|| kept(host_key, &host, allowed.stop())).transpose()?;
-            let sha256 = marked::sha256_until(&bytes, &stop);
-            let sha256 = sha256.ok_or_else(|| allowed.stop().reason())?;
-            let packed = keep_file.then(|| packed(&bytes, &sha256, allowed.stop())).transpose()?;
-            let usable_bins = u32::try_from(report.usable_bins)
-                .map_err(|_| ServiceError::Internal("too many bins".to_owned()))?;
-            Ok(Done {
-                marked_sha256: sha256,
-                packed,
-                marked: bytes.into(),
-                host: kept,
-                format,
-                frame: host_frame,
-                vertices: host.positions().len() as u64,
-                triangles: host.triangles().len() as u64,
-                usable_bins,
-                layers: report.layers,
-                amplitude: report.amplitude,
-                strength: report.strength,
-                refused_strengths: report.refused_strengths,
-                quality: quality_of(&report),
-                existing,
-            })
-        })
-        .await
-    }
-
     async fn replay(
         self: &Arc<Self>,
         request: EmbedRequest,
@@ -439,63 +271,9 @@ impl Service {
     }
 }
 
-/// The layers of a request.
-fn layers_of(request: &EmbedRequest) -> Result<Layers, ServiceError> {
-    let usual = if request.keep_host { Layers::Both } else { Layers::Blind };
-    let layers = request.layers.unwrap_or(usual);
-    if layers.has_relief() && !request.keep_host {
-        return Err(ServiceError::InvalidParameter {
-            parameter: "layers",
-            reason: format!(
-                "{layers} has a relief, which is read against the kept host; send keep_host=true, or \
-                 layers=blind"
-            ),
-        });
-    }
-    Ok(layers)
-}
-
 /// Refuses a file that the caller does not take back.
-fn takes(formats: &[Format], format: Format) -> Result<(), ServiceError> {
+pub(super) fn takes(formats: &[Format], format: Format) -> Result<(), ServiceError> {
     if formats.contains(&format) { Ok(()) } else { Err(ServiceError::FormatNotTaken(format)) }
-}
-
-/// Whether another codeword might have been marked with.
-fn is_about_the_codeword(error: &ServiceError) -> bool {
-    matches!(
-        error,
-        ServiceError::Watermark(WatermarkError::InsufficientCapacity { .. })
-            | ServiceError::Check(_)
-            | ServiceError::TooSmall(_)
-            | ServiceError::DistortionUnreachable(_)
-            | ServiceError::Job(JobError::DeadlinePassed)
-    )
-}
-
-/// Geometry and sketch of a host.
-fn kept(key: [u8; 32], host: &Mesh, stop: &Stop) -> Result<KeptHost, ServiceError> {
-    let asked = || stop.now();
-    let surface = Surface::new_until(host, &asked);
-    let shape = surface.and_then(|surface| Shape::new_until(surface, &asked));
-    let sketch = shape.and_then(|shape| Sketch::new_until(&shape, &asked));
-    match geometry::pack_until(host, &asked) {
-        // (What has no shape has no sketch; what was stopped has none either.)
-        _ if stop.now() => Err(stop.reason().into()),
-        packed => Ok(KeptHost { key, geometry: packed?.into(), sketch }),
-    }
-}
-
-fn quality_of(report: &MarkReport) -> Quality {
-    let measured = &report.quality;
-    Quality {
-        mrms: measured.mrms,
-        hausdorff: measured.hausdorff,
-        max_displacement: measured.max_displacement,
-        normal_deviation_degrees: measured.normal_deviation_degrees,
-        flipped: measured.flipped as u64,
-        method_used: report.method_used.to_string(),
-        more_decimals: Some(report.more_decimals),
-    }
 }
 
 fn random_message(bits: BitCount) -> Result<Message, ServiceError> {

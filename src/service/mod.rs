@@ -16,6 +16,7 @@ mod idempotency;
 mod inspect;
 mod known;
 mod load;
+mod making;
 mod memory;
 mod records;
 mod register;
