@@ -1,12 +1,14 @@
 //! How closely `max_distortion` uses its limits, and how often a codeword is refused at first.
 //!
 //! ```text
-//! cargo bench --bench limits -- --keys 10 --bits 32 --method exact-mean FILE...
+//! cargo bench --bench limits -- --keys 10 --bits 32 --method exact-mean [--layers both] [--limits 1e-4]
+//!     FILE...
 //! ```
 //!
 //! Without files: five generated meshes. Prints one row per mesh and limit (how many codewords took the
 //! fitted strength; how many strengths were refused, in all and of the one that was refused most; the
-//! mean strength; the mean MRMS as a share of the limit; seconds per mark) and, at the end, the sums,
+//! mean strength; the mean and the largest MRMS as a share of the limit; seconds per mark; and how many
+//! marks have the blind layer) and, at the end, the sums,
 //! with what the refusals cost in decades of a bound (the charge of the n-th of a series of tries).
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a benchmark may stop")]
@@ -25,6 +27,7 @@ use quadmark::watermark::{
 struct Options {
     keys: u8,
     bits: u32,
+    layers: Layers,
     method: Method,
     limits: Vec<f64>,
     hosts: Vec<(String, Vec<u8>)>,
@@ -34,6 +37,7 @@ fn options() -> Options {
     let mut options = Options {
         keys: 10,
         bits: 64,
+        layers: Layers::Blind,
         method: Method::ExactMean,
         limits: vec![3e-5, 6e-5, 1.2e-4],
         hosts: Vec::new(),
@@ -45,6 +49,7 @@ fn options() -> Options {
             "--bench" => {}
             "--keys" => options.keys = value().parse().unwrap(),
             "--bits" => options.bits = value().parse().unwrap(),
+            "--layers" => options.layers = value().parse().unwrap(),
             "--method" => options.method = value().parse().unwrap(),
             "--limits" => {
                 options.limits = value().split(',').map(|x| x.parse().unwrap()).collect();
@@ -96,6 +101,8 @@ struct Sum {
     refused: u32,
     most: u32,
     unable: u32,
+    blind: u32,
+    most_used: f64,
     strength: f64,
     used: f64,
     decades: f64,
@@ -109,6 +116,8 @@ impl Sum {
         self.refused += other.refused;
         self.most = self.most.max(other.most);
         self.unable += other.unable;
+        self.blind += other.blind;
+        self.most_used = self.most_used.max(other.most_used);
         self.strength += other.strength;
         self.used += other.used;
         self.decades += other.decades;
@@ -118,14 +127,16 @@ impl Sum {
     fn print(&self, name: &str, limit: &str) {
         let mean = |sum: f64| sum / f64::from(self.marks.max(1));
         println!(
-            "{name:24} {limit:>8} {:>5} {:>7} {:>7} {:>4} {:>6} {:>8.4} {:>5.2} {:>7.2} {:>6.2}",
+            "{name:24} {limit:>8} {:>5} {:>5} {:>7} {:>7} {:>4} {:>6} {:>8.4} {:>5.2} {:>5.2} {:>7.2} {:>6.2}",
             self.marks,
+            self.blind,
             self.at_once,
             self.refused,
             self.most,
             self.unable,
             mean(self.strength),
             mean(self.used),
+            self.most_used,
             mean(self.decades),
             mean(self.seconds),
         );
@@ -143,13 +154,16 @@ fn measure(host: &[u8], limit: f64, options: &Options) -> Sum {
             params: EmbedParams { method: options.method, bits, ..EmbedParams::default() },
             limits: Limits::default(),
             stop: &|| false,
-            layers: Layers::Blind,
+            layers: options.layers,
             amplitude: Amplitude::default(),
             independent_check_max_bytes: 0,
         };
         let limit = MaxDistortion::new(limit).unwrap();
         let began = Instant::now();
-        match mark_within(host, &request, limit, Strength::MAX) {
+        // As the service does where a relief is asked for.
+        let most =
+            if options.layers.has_relief() { Strength::BESIDE_A_RELIEF } else { Strength::MAX };
+        match mark_within(host, &request, limit, most) {
             Ok(marked) => {
                 let report = marked.report;
                 assert!(report.quality.mrms <= limit.get());
@@ -157,7 +171,9 @@ fn measure(host: &[u8], limit: f64, options: &Options) -> Sum {
                 sum.at_once += u32::from(report.refused_strengths == 0);
                 sum.refused += report.refused_strengths;
                 sum.most = sum.most.max(report.refused_strengths);
+                sum.blind += u32::from(report.layers.has_blind());
                 sum.strength += report.strength.get();
+                sum.most_used = sum.most_used.max(report.quality.mrms / limit.get());
                 sum.used += report.quality.mrms / limit.get();
                 sum.decades += decades(report.refused_strengths);
                 sum.seconds += began.elapsed().as_secs_f64();
@@ -175,16 +191,18 @@ fn measure(host: &[u8], limit: f64, options: &Options) -> Sum {
 fn main() {
     let options = options();
     println!(
-        "{:24} {:>8} {:>5} {:>7} {:>7} {:>4} {:>6} {:>8} {:>5} {:>7} {:>6}",
+        "{:24} {:>8} {:>5} {:>5} {:>7} {:>7} {:>4} {:>6} {:>8} {:>5} {:>5} {:>7} {:>6}",
         "mesh",
         "limit",
         "marks",
+        "blind",
         "at once",
         "refused",
         "most",
         "unable",
         "strength",
         "used",
+        "most",
         "decades",
         "s"
     );

@@ -15,9 +15,11 @@ use std::time::{Duration, Instant};
 
 use criterion::Criterion;
 use quadmark::formats::{Agreement, Format, Limits, agrees};
-use quadmark::marking::{Amplitude, Layers, MarkRequest, extract_file, mark};
+use quadmark::marking::{
+    Amplitude, Layers, MarkRequest, MaxDistortion, extract_file, mark, mark_within,
+};
 use quadmark::sample::{Sample, to_obj};
-use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Modulation};
+use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Modulation, Strength};
 
 /// The dragon's bytes, or a mesh of about its size.
 fn host() -> (String, Vec<u8>) {
@@ -55,9 +57,9 @@ fn main() {
         params: EmbedParams { method, ..EmbedParams::default() },
         limits: Limits::default(),
         stop: &|| false,
-        // As the service does by default: larger files are not opened in another reader.
         layers: Layers::Blind,
         amplitude: Amplitude::default(),
+        // As the service does by default: larger files are not opened in another reader.
         independent_check_max_bytes: 16 << 20,
     };
     let marked = mark(&host, &request(Method::QspMean)).unwrap();
@@ -91,6 +93,13 @@ fn main() {
     for method in Method::ALL {
         measure(&format!("embed {method}"), &|| drop(black_box(mark(&host, &request(method)))));
     }
+    let both = || {
+        let request = MarkRequest { layers: Layers::Both, ..request(Method::default()) };
+        let (limit, most) = (MaxDistortion::USUAL, Strength::BESIDE_A_RELIEF);
+        let params = EmbedParams { strength: most, ..request.params };
+        mark_within(&host, &MarkRequest { params, ..request }, limit, most).unwrap()
+    };
+    measure("embed as the service", &|| drop(black_box(both())));
     measure("extract", &|| drop(black_box(extract(&marked.bytes))));
     measure("independent check", &|| drop(black_box(independent())));
     let yardstick = medians.first().map_or(f64::NAN, |(_, seconds)| *seconds);

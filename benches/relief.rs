@@ -38,8 +38,10 @@ const CASES: &[Case] = &[
     ("part-2", &[Crop(0.98, Vertices)], 1),
     ("part-5-simplified-75", &[Crop(0.95, Vertices), Simplify(0.75)], 1),
     ("smoothed-20", &[Smooth { lambda: 0.5, iterations: 20 }], 1),
+    ("bits-12", &[Quantise(12)], 1),
     ("bits-10", &[Quantise(10)], 1),
     ("bits-8", &[Quantise(8)], 1),
+    ("noise-0.05", &[Noise(0.0005)], 1),
     ("noise-0.1", &[Noise(0.001)], 1),
     ("noise-0.5", &[Noise(0.005)], 1),
     ("mean-10", &[], 10),
@@ -119,6 +121,21 @@ fn one(name: &str, mesh: &Mesh, options: &Options) {
         quality.normal_deviation_degrees,
         quality.flipped,
     );
+    let reading = ReliefReading::new(&host, &surface, &surface.positions, false, 1e-4, &|| false);
+    if let Some(reading) = reading {
+        let start = Instant::now();
+        let of = |id: u32| {
+            let mut key = [0x51; 32];
+            key[..4].copy_from_slice(&id.to_le_bytes());
+            reading.score(&Signs::new(&MarkKey::from_bytes(key), field.signs()))
+        };
+        let best = (0..10_000).map(of).fold(f64::NEG_INFINITY, f64::max);
+        let seconds = start.elapsed().as_secs_f64();
+        println!(
+            "10,000 keys in {seconds:.2} s, at most {:.1} deviations\n",
+            reading.deviations(best)
+        );
+    }
     println!("| attack | median | worst | others, deviations | time |\n|---|---|---|---|---|");
     let params = EmbedParams::default();
     let plain = Mesh::new(surface.positions.clone(), surface.triangles.clone()).unwrap();

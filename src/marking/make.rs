@@ -23,7 +23,7 @@ const RELIEF_STEP: f64 = 0.1;
 
 /// What of a limit of distortion the relief gets; as the blind layer moves vertices independently, it has
 /// `sqrt(1 - 0.8^2) = 0.6` of it left. With a limit of 0.01 % that is enough for the blind layer's
-/// usual strength on nearly all meshes (`benches/fidelity.rs`).
+/// usual strength on nearly all meshes (`cargo bench --bench limits -- --layers both --limits 1e-4`).
 const RELIEF_SHARE: f64 = 0.8;
 
 /// Each amplitude of a relief alone that distorts too much is followed by this share of it.

@@ -190,7 +190,8 @@ pub struct Match {
     /// In which frame it was read.
     pub frame: FrameName,
     /// Which share of the file's surface lies on the host's (within 1.2 % of the diagonal, after
-    /// registration), of the best match where it was read without the host. Below 0.5 the verdict is
+    /// registration; 1 where the file's vertices are the host's in their order, by at most 5 % of the
+    /// diagonal in the median), of the best match where it was read without the host. Below 0.5 the verdict is
     /// `blind_only`. Null where no shape was compared: the host was not kept, the depth is `fast`, or
     /// the mark was read against the host, which is only possible on its shape.
     #[schema(minimum = 0, maximum = 1)]

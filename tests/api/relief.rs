@@ -82,7 +82,7 @@ async fn marks_survive_a_new_surface_and_fragments() {
     for (what, steps) in [
         ("remeshed", vec![Attack::Remesh(0.5), Attack::Similarity]),
         ("simplified", vec![Attack::Simplify(0.75), Attack::Similarity]),
-        ("a part", vec![Attack::Crop(0.7, Of::Vertices), Attack::Similarity]),
+        ("a part", vec![Attack::Crop(0.5, Of::Vertices), Attack::Similarity]),
     ] {
         let verdict = server.verify(file_form(&to_glb(&attacked(&file, &steps)))).await;
         assert_found(&verdict, &record, what);

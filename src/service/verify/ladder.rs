@@ -21,8 +21,8 @@ use crate::jobs::Stop;
 use crate::keys::KeyRing;
 use crate::watermark::{Candidate, CodewordIndex, Suspect, Worth};
 
-/// Matches listed at most.
-pub(super) const MOST_MATCHES: usize = 20;
+/// Matches listed at most: somewhat more than copies can be averaged that are still told apart.
+pub(super) const MOST_MATCHES: usize = 128;
 
 /// What all stages look at.
 pub(super) struct Case<'a> {

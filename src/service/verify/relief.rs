@@ -16,7 +16,6 @@ use super::go_on;
 use super::ladder::{Climb, MOST_MATCHES};
 use super::recipients::Seen;
 use crate::recognition::{Look, Visitor, relief_at};
-use crate::registration::{Budget, Within};
 use crate::registry::Record;
 use crate::relief::Signs;
 use crate::watermark::{Candidate, Hypothesis, Score, SoftBits};
@@ -38,8 +37,7 @@ pub(super) fn read(
         return Ok(ControlFlow::Continue(()));
     };
     let stop = || visit.stop.now();
-    let within = Within { budget: &Budget::new(0), stop: &stop };
-    let reading = relief_at(&housed.home, visitor, look, amplitude, within);
+    let reading = relief_at(&housed.home, visitor, look, amplitude, &stop);
     go_on(visit.stop)?;
     climb.tried(StageName::Relief, records.len() as u64);
     let Some(reading) = reading else { return Ok(ControlFlow::Continue(())) };
