@@ -2,9 +2,8 @@
 
 use super::home::{Home, Visitor};
 use super::look::{Look, looks_until};
-use crate::mesh::stop::Stop;
 use crate::registration::{Effort, Within};
-use crate::relief::{Amplitude, ReliefReading, Signs};
+use crate::relief::{Amplitude, ReliefReading, Signs, Work};
 use crate::watermark::MarkKey;
 
 /// What one relief says.
@@ -18,23 +17,33 @@ pub struct ReliefFound {
     pub agreeing: usize,
 }
 
+/// What a reading takes for each test that it makes: the estimate takes as long as the searches.
+const PER_TEST: u64 = 2;
+
 /// What a suspect's surface says of the signs of a host, at a look; `None` where it is nowhere near, the
-/// look does not say where it is, or once `stop` answers `true`.
+/// look does not say where it is, or once the job is stopped.
+///
+/// A reading makes as many tests as sizes explain, whatever is left of the budget, and is charged to
+/// it: what it takes is left for fewer registrations.
 #[must_use]
 pub fn relief_at(
     home: &Home,
     visitor: &Visitor<'_>,
     look: &Look,
     amplitude: Amplitude,
-    stop: Stop<'_>,
+    within: Within<'_>,
 ) -> Option<ReliefReading> {
     if !look.is_placed() {
         return None;
     }
-    let host = home.relief(stop)?;
+    let host = home.relief(within.stop)?;
     let suspect = visitor.surface();
     let (positions, mirrored) = look.placed(suspect);
-    ReliefReading::new(host, suspect, &positions, mirrored, amplitude.get(), stop)
+    let mut work = Work::new(ReliefReading::most_tests(host, suspect), within.stop);
+    let placed = (positions.as_slice(), mirrored);
+    let reading = ReliefReading::within(host, suspect, placed, amplitude.get(), &mut work);
+    within.budget.spend(PER_TEST * work.spent());
+    reading
 }
 
 /// The best that the relief of a key reads with.
@@ -50,7 +59,7 @@ pub fn relief_of(
     const CERTAIN: f64 = -15.0;
     let mut best: Option<ReliefFound> = None;
     let _ = looks_until(home, visitor, Effort::Whole, within, &mut |look| {
-        if let Some(reading) = relief_at(home, visitor, look, amplitude, within.stop) {
+        if let Some(reading) = relief_at(home, visitor, look, amplitude, within) {
             let signs = Signs::new(key, reading.signed_weights().len());
             let log10_bound = reading.log10_bound(reading.score(&signs));
             let log10_fp = (log10_bound - libm::log10(look.kind.share())).min(0.0);

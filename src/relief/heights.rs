@@ -40,14 +40,27 @@ pub(super) struct Heights {
 
 /// What a reading may still spend: tests of the search tree (a box or a triangle that is looked at), so
 /// that it takes as long as it may on any surface, and is the same on any number of threads.
-pub(super) struct Work<'a> {
-    tests: u64,
+pub struct Work<'a> {
+    all: u64,
+    spent: u64,
     pub(super) stop: Stop<'a>,
 }
 
 impl<'a> Work<'a> {
-    pub(super) fn new(tests: u64, stop: Stop<'a>) -> Self {
-        Self { tests, stop }
+    /// So many tests; `stop` is asked between blocks of them.
+    #[must_use]
+    pub fn new(tests: u64, stop: Stop<'a>) -> Self {
+        Self { all: tests, spent: 0, stop }
+    }
+
+    /// Tests that were made.
+    #[must_use]
+    pub fn spent(&self) -> u64 {
+        self.spent
+    }
+
+    fn left(&self) -> u64 {
+        self.all.saturating_sub(self.spent)
     }
 }
 
@@ -131,9 +144,9 @@ pub(super) fn heights_of(
     };
     let every = |step: usize| points.iter().step_by(step.max(1)).collect::<Vec<_>>();
     let (_, probed) = of(&every(points.len().div_ceil(PROBES)))?;
-    work.tests = work.tests.saturating_sub(probed);
+    work.spent = work.spent.saturating_add(probed);
     let cost = probed.div_ceil(PROBES as u64).max(1);
-    let affordable = usize::try_from(work.tests / cost).unwrap_or(usize::MAX);
+    let affordable = usize::try_from(work.left() / cost).unwrap_or(usize::MAX);
     if affordable == 0 {
         return Some(Vec::new());
     }
@@ -141,7 +154,7 @@ pub(super) fn heights_of(
     let blocks: Option<Vec<(Vec<Height>, u64)>> = points.par_chunks(BLOCK).map(of).collect();
     let blocks = blocks?;
     let spent: u64 = blocks.iter().map(|(_, tests)| tests).sum();
-    work.tests = work.tests.saturating_sub(spent);
+    work.spent = work.spent.saturating_add(spent);
     Some(blocks.into_iter().flat_map(|(heights, _)| heights).collect())
 }
 

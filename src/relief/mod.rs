@@ -20,6 +20,7 @@ mod signs;
 mod smoothing;
 
 pub use field::{CELL, Field, Share};
+pub use heights::Work;
 pub use host::ReliefHost;
 pub use params::{Amplitude, Layers};
 pub use reading::ReliefReading;

@@ -47,8 +47,8 @@ pub struct ReliefReading {
 impl ReliefReading {
     /// Reads a suspect whose carriers lie at `positions`, in the host's coordinates; `mirrored` where
     /// that turned the surface inside out. `amplitude` is that of the marks looked for, as a share of
-    /// the diagonal. It looks at boxes and triangles of the host as often as the sizes of both explain.
-    /// `None` where the suspect is nowhere near the host, or `stop` said so.
+    /// the diagonal. It looks at boxes and triangles of the host as often as the sizes of both explain
+    /// ([`Self::most_tests`]). `None` where the suspect is nowhere near the host, or `stop` said so.
     #[must_use]
     pub fn new(
         host: &ReliefHost,
@@ -58,13 +58,32 @@ impl ReliefReading {
         amplitude: f64,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Option<Self> {
+        let mut work = Work::new(Self::most_tests(host, suspect), stop);
+        Self::within(host, suspect, (positions, mirrored), amplitude, &mut work)
+    }
+
+    /// Tests of the search tree that the sizes of host and suspect explain.
+    #[must_use]
+    pub fn most_tests(host: &ReliefHost, suspect: &Surface) -> u64 {
         let elements = suspect.positions.len()
             + suspect.triangles.len()
             + host.tree.points().len()
             + host.tree.triangles().len();
-        let mut work = Work::new(TESTS + TESTS_PER_ELEMENT * elements as u64, stop);
-        let positions = refined(host, suspect, positions, mirrored, &mut work)?;
-        let kinds = heights(host, suspect, &positions, mirrored, &mut work)?;
+        TESTS + TESTS_PER_ELEMENT * elements as u64
+    }
+
+    /// The same as [`Self::new`] with as many tests as `work` has, which counts them.
+    #[must_use]
+    pub fn within(
+        host: &ReliefHost,
+        suspect: &Surface,
+        (positions, mirrored): (&[DVec3], bool),
+        amplitude: f64,
+        work: &mut Work<'_>,
+    ) -> Option<Self> {
+        let stop = work.stop;
+        let positions = refined(host, suspect, positions, mirrored, work)?;
+        let kinds = heights(host, suspect, &positions, mirrored, work)?;
         let mut samples: Vec<Sample<'_>> = Vec::new();
         for kind in kinds.iter().filter(|kind| kind.all.len() >= LEAST_SAMPLES) {
             let rest = regress(host, &kind.all, None);

@@ -108,16 +108,16 @@ impl Visit<'_> {
         for housed in self.hosts {
             go_on(self.stop)?;
             let mut failed = None;
-            let mut see = |look: Look| match self.read(housed, (&visitor, &look), climb) {
+            let budget = shares.deal();
+            let stop = || self.stop.now();
+            let within = Within { budget: &budget, stop: &stop };
+            let mut see = |look: Look| match self.read(housed, (&visitor, &look), within, climb) {
                 Ok(flow) => flow,
                 Err(error) => {
                     failed = Some(error);
                     ControlFlow::Break(())
                 }
             };
-            let stop = || self.stop.now();
-            let budget = shares.deal();
-            let within = Within { budget: &budget, stop: &stop };
             let end = looks(&housed.home, &visitor, effort(self.depth), within, &mut see);
             shares.took(&budget);
             if let Some(error) = failed {
@@ -180,6 +180,7 @@ impl Visit<'_> {
         &self,
         housed: &Housed,
         (visitor, look): (&Visitor<'_>, &Look),
+        within: Within<'_>,
         climb: &mut Climb,
     ) -> Result<ControlFlow<()>, ServiceError> {
         go_on(self.stop)?;
@@ -206,7 +207,7 @@ impl Visit<'_> {
         {
             return Ok(ControlFlow::Break(()));
         }
-        let seen = Seen { name, frame, counted: &counted };
+        let seen = Seen { name, frame, counted: &counted, within };
         if relief::read(self, housed, (visitor, look), &seen, climb)?.is_break() {
             return Ok(ControlFlow::Break(()));
         }

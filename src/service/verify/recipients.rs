@@ -10,6 +10,7 @@ use super::at_home::{Housed, Visit};
 use super::ladder::Climb;
 use super::{Depth, go_on};
 use crate::recognition::{Look, LookKind};
+use crate::registration::Within;
 use crate::registry::Record;
 use crate::watermark::{Candidate, Codeword, Frame, HostFilter, Hypothesis, SoftBits};
 
@@ -24,6 +25,8 @@ pub(super) struct Seen<'a> {
     /// The host's frame in the suspect's coordinates.
     pub(super) frame: Frame,
     pub(super) counted: &'a dyn Fn(StageName) -> f64,
+    /// What looking at the host may still take.
+    pub(super) within: Within<'a>,
 }
 
 /// A record's filter on the host and its codeword.

@@ -36,8 +36,7 @@ pub(super) fn read(
     let Some(amplitude) = records.first().and_then(|record| record.amplitude) else {
         return Ok(ControlFlow::Continue(()));
     };
-    let stop = || visit.stop.now();
-    let reading = relief_at(&housed.home, visitor, look, amplitude, &stop);
+    let reading = relief_at(&housed.home, visitor, look, amplitude, seen.within);
     go_on(visit.stop)?;
     climb.tried(StageName::Relief, records.len() as u64);
     let Some(reading) = reading else { return Ok(ControlFlow::Continue(())) };
