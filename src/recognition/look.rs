@@ -122,7 +122,7 @@ pub fn looks(
         return ControlFlow::Continue(());
     };
     if let Some(twins) = by_twins(host, suspect, within.stop) {
-        let enough = suffices(&twins);
+        let enough = suffices(host, suspect, &twins, within);
         let rank = if enough { 0 } else { FEW_TWINS };
         see(from_alignment(visitor, twins, LookKind::Registered(rank)))?;
         if enough {

@@ -23,8 +23,8 @@ const PER_TEST: u64 = 2;
 /// What a suspect's surface says of the signs of a host, at a look; `None` where it is nowhere near, the
 /// look does not say where it is, or once the job is stopped.
 ///
-/// A reading makes as many tests as sizes explain, whatever is left of the budget, and is charged to
-/// it: what it takes is left for fewer registrations.
+/// A reading is charged to the budget: it makes as many tests as sizes explain and are left, a quarter of
+/// them in any case.
 #[must_use]
 pub fn relief_at(
     home: &Home,
@@ -39,7 +39,9 @@ pub fn relief_at(
     let host = home.relief(within.stop)?;
     let suspect = visitor.surface();
     let (positions, mirrored) = look.placed(suspect);
-    let mut work = Work::new(ReliefReading::most_tests(host, suspect), within.stop);
+    let most = ReliefReading::most_tests(host, suspect);
+    let left = within.budget.left() / PER_TEST;
+    let mut work = Work::new(most.min(left.max(most / 4)), within.stop);
     let placed = (positions.as_slice(), mirrored);
     let reading = ReliefReading::within(host, suspect, placed, amplitude.get(), &mut work);
     within.budget.spend(PER_TEST * work.spent());

@@ -24,6 +24,9 @@ pub const MARGIN: f64 = 0.08;
 /// Cells along the diagonal of the host's box; at most 210,000 in all, for a cube.
 const CELLS: f64 = 80.0;
 
+/// Cells around a point, each of which is looked at.
+const CELLS_AROUND: u64 = 8;
+
 /// A disc's radius over the side of the square that is its share of the area, so that discs that
 /// lie at random leave few holes.
 const RADIUS: f64 = 1.5;
@@ -138,12 +141,13 @@ impl Discs {
 
 impl Ground for Discs {
     /// The nearest disc among those of the eight cells around the point, that faces the same way.
-    fn touch(&self, s: &Similarity, point: &Point, reach: f64, _: &mut u64) -> Option<Touch> {
+    fn touch(&self, s: &Similarity, point: &Point, reach: f64, tests: &mut u64) -> Option<Touch> {
+        *tests += CELLS_AROUND;
         let placed = s.apply(point.position);
         let at = ((placed - self.low) * CELLS - 0.5).floor();
         let mut best: Option<(f64, &Point)> = None;
-        for corner in 0..8_u32 {
-            let step = [corner & 1, corner >> 1 & 1, corner >> 2].map(f64::from);
+        for corner in 0..CELLS_AROUND {
+            let step = [0, 1, 2].map(|axis| if corner >> axis & 1 == 1 { 1.0 } else { 0.0 });
             let Some(cell) = self.cell(at + DVec3::from_array(step)) else { continue };
             let Some(disc) = self.all.get(self.nearest[cell] as usize) else { continue };
             let far = disc.position.distance_squared(placed);

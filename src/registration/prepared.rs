@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 
 use super::align::Target;
 use super::discs::Discs;
+use super::parts::{HostPlaces, SuspectPlaces};
 use super::scatter::{Point, scatter_until};
 use super::shape::Shape;
 use super::similarity::Similarity;
@@ -13,14 +14,17 @@ use crate::mesh::stop::{Stop, go_on, once, unstopped};
 /// Points that a surface is aligned by before it is known to fit.
 const ALIGNED: usize = 3000;
 
+/// Points by which parts are recognised.
+const DESCRIBED: usize = 6000;
+
 /// How hard to try.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Effort {
     /// Shared vertices only: fractions of a second, and nothing where the tessellation is new.
     Twins,
-    /// Also wholes that were tessellated anew.
+    /// Also what was tessellated anew: wholes, and parts as far as the budget goes.
     Whole,
-    /// Also parts that were tessellated anew, and mirrored wholes: seconds.
+    /// Also mirrored wholes, and ten times the budget: seconds.
     Thorough,
 }
 
@@ -60,6 +64,7 @@ pub struct PreparedHost {
     /// Built when first asked for: twins do without, and what fits nowhere without the latter.
     discs: OnceLock<Discs>,
     target: OnceLock<Option<Target>>,
+    places: OnceLock<HostPlaces>,
 }
 
 /// A suspect made ready.
@@ -67,6 +72,7 @@ pub struct PreparedSuspect {
     pub(super) shape: Shape,
     pub(super) landmarks: Findable,
     pub(super) points: Vec<Point>,
+    places: OnceLock<SuspectPlaces>,
 }
 
 impl PreparedHost {
@@ -81,7 +87,8 @@ impl PreparedHost {
     pub fn new_until(shape: Shape, stop: Stop<'_>) -> Option<Self> {
         let landmarks = Landmarks::new(&shape, stop)?;
         let points = scatter_until(&shape, ALIGNED, stop)?;
-        Some(Self { shape, landmarks, points, discs: OnceLock::new(), target: OnceLock::new() })
+        let (discs, target, places) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
+        Some(Self { shape, landmarks, points, discs, target, places })
     }
 
     /// Its shape.
@@ -93,6 +100,11 @@ impl PreparedHost {
     /// `None` once `stop` answers `true`.
     pub(super) fn discs(&self, stop: Stop<'_>) -> Option<&Discs> {
         once(&self.discs, || Discs::new(&self.shape, stop))
+    }
+
+    /// `None` once `stop` answers `true`.
+    pub(super) fn places(&self, stop: Stop<'_>) -> Option<&HostPlaces> {
+        once(&self.places, || HostPlaces::new(&scatter_until(&self.shape, DESCRIBED, stop)?, stop))
     }
 
     /// Also `None` once `stop` answers `true`.
@@ -116,13 +128,21 @@ impl PreparedSuspect {
     #[must_use]
     pub fn new_until(shape: Shape, stop: Stop<'_>) -> Option<Self> {
         let points = scatter_until(&shape, ALIGNED, stop)?;
-        Some(Self { shape, landmarks: Findable::default(), points })
+        let places = OnceLock::new();
+        Some(Self { shape, landmarks: Findable::default(), points, places })
     }
 
     /// Its shape.
     #[must_use]
     pub fn shape(&self) -> &Shape {
         &self.shape
+    }
+
+    /// `None` once `stop` answers `true`.
+    pub(super) fn places(&self, stop: Stop<'_>) -> Option<&SuspectPlaces> {
+        once(&self.places, || {
+            SuspectPlaces::new(&scatter_until(&self.shape, DESCRIBED, stop)?, stop)
+        })
     }
 
     /// About so many of its points, spread over all of it.

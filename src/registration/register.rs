@@ -3,12 +3,15 @@
 
 use super::budget::Within;
 use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
-use super::surface::by_surface;
+use super::surface::{by_surface, share_near};
 use super::twins::{Twins, twins};
 use crate::mesh::stop::Stop;
 
-/// Twins that make up this share of the suspect leave nothing to search for.
+/// Twins that make up this share of the suspect leave nothing to search for, where they put this share
+/// of its surface on the host. (Regular parts of a surface that was made anew have the same surroundings
+/// in several places: on a bracket a fifth of the vertices had false twins.)
 const TWINS_SUFFICE: f64 = 0.2;
+const SURFACE_SUFFICES: f64 = 0.9;
 
 /// The similarities under which `suspect` is a part of `host`, best first; few, and none where
 /// there is nothing in common. What is stopped returns twins or
@@ -23,7 +26,7 @@ pub fn register(
     let Some(alignment) = by_twins(host, suspect, within.stop) else {
         return by_surface(host, suspect, effort, &[], within);
     };
-    if suffices(&alignment) {
+    if suffices(host, suspect, &alignment, within) {
         return vec![alignment];
     }
     let mut all = by_surface(host, suspect, effort, &[], within);
@@ -45,8 +48,15 @@ pub fn by_twins(
 
 /// Whether shared vertices leave nothing to search for.
 #[must_use]
-pub fn suffices(twins: &Alignment) -> bool {
+pub fn suffices(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    twins: &Alignment,
+    within: Within<'_>,
+) -> bool {
     twins.overlap > TWINS_SUFFICE
+        && share_near(host, suspect, &twins.similarity, within)
+            .is_some_and(|share| share >= SURFACE_SUFFICES)
 }
 
 fn from_twins(host: &PreparedHost, suspect: &PreparedSuspect, found: Twins) -> Alignment {

@@ -14,7 +14,7 @@ use super::scatter::Point;
 const ACROSS: usize = 5;
 const ALONG: usize = 8;
 
-/// Entries of a spin image.
+/// Entries of a spin image: a multiple of eight.
 const BINS: usize = ACROSS * ALONG;
 
 /// Fewer points within the radius say nothing.
@@ -34,37 +34,62 @@ impl Spin {
     /// How alike two images are: 1 at best (Bhattacharyya's coefficient).
     #[must_use]
     pub fn likeness(&self, other: &Self) -> f32 {
-        self.image.iter().zip(&other.image).map(|(a, b)| a * b).sum()
+        // Eight sums side by side, which one instruction adds to.
+        let (a, b) = (self.image.as_chunks::<8>().0, other.image.as_chunks::<8>().0);
+        let mut sums = [0.0_f32; 8];
+        for (a, b) in a.iter().zip(b) {
+            for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+                *sum += a * b;
+            }
+        }
+        sums.iter().sum()
     }
 }
 
-/// What each of `keys` sees of `points` within `radius`; keys that see too little are left out.
+/// What each of `keys` sees of `points`, per radius; keys that see too little are left out. `radii`
+/// descend: what is beyond one is beyond those after it, and is looked at no more.
 #[must_use]
-pub fn spins(keys: &[Point], points: &[Point], radius: f64, stop: Stop) -> Vec<Spin> {
-    let seen = |key| if stop() { None } else { spin(key, points, radius) };
-    keys.par_iter().filter_map(seen).collect()
+pub fn spins(keys: &[Point], points: &[Point], radii: &[f64], stop: Stop) -> Vec<Vec<Spin>> {
+    let widest = radii.first().copied().unwrap_or(0.0);
+    let of = |key: &Point| -> Vec<Option<Spin>> {
+        let seen = points.iter().filter_map(|p| {
+            let from = p.position - key.position;
+            let distance = from.length_squared();
+            (distance < widest * widest).then_some(Seen { from, normal: p.normal, distance })
+        });
+        let mut seen: Vec<Seen> = seen.collect();
+        let spin = |&radius: &f64| {
+            if stop() {
+                return None;
+            }
+            seen.retain(|p| p.distance < radius * radius);
+            spin(key.position, &seen, radius)
+        };
+        radii.iter().map(spin).collect()
+    };
+    let all: Vec<Vec<Option<Spin>>> = keys.par_iter().map(of).collect();
+    let at = |k: usize| all.iter().filter_map(|of| of.get(k).copied().flatten()).collect();
+    (0..radii.len()).map(at).collect()
 }
 
-fn spin(key: &Point, points: &[Point], radius: f64) -> Option<Spin> {
-    let position = key.position;
+/// A point as seen from another.
+struct Seen {
+    from: DVec3,
+    normal: DVec3,
+    /// Squared.
+    distance: f64,
+}
+
+fn spin(position: DVec3, seen: &[Seen], radius: f64) -> Option<Spin> {
     let square = radius * radius;
-    let mut normal = DVec3::ZERO;
-    for p in points {
-        if p.position.distance_squared(position) < 0.25 * square {
-            normal += p.normal;
-        }
-    }
-    let normal = normal.try_normalize()?;
+    let inner = seen.iter().filter(|p| p.distance < 0.25 * square);
+    let normal = inner.map(|p| p.normal).sum::<DVec3>().try_normalize()?;
     let mut image = [0.0_f32; BINS];
-    for p in points {
-        let d = p.position - position;
-        let distance = d.length_squared();
-        if distance < square {
-            let height = d.dot(normal);
-            let across = (distance - height * height).max(0.0).sqrt() / radius;
-            let along = 0.5 + 0.5 * height / radius;
-            image[bin(across, ACROSS) * ALONG + bin(along, ALONG)] += 1.0;
-        }
+    for p in seen {
+        let height = p.from.dot(normal);
+        let across = (p.distance - height * height).max(0.0).sqrt() / radius;
+        let along = 0.5 + 0.5 * height / radius;
+        image[bin(across, ACROSS) * ALONG + bin(along, ALONG)] += 1.0;
     }
     let total: f32 = image.iter().sum();
     for entry in &mut image {
@@ -102,8 +127,9 @@ mod tests {
             .iter()
             .map(|p| Point { position: place.apply(p.position), normal: place.turn(p.normal) })
             .collect();
-        let here = spins(&points[..300], &points, 0.2, &|| false);
-        let there = spins(&moved[..300], &moved, 0.4, &|| false);
+        let [here, there] = [(&points, 0.2), (&moved, 0.4)].map(|(points, radius)| {
+            spins(&points[..300], points, &[2.0 * radius, radius], &|| false).swap_remove(1)
+        });
         for (k, spin) in here.iter().enumerate() {
             let best = there.iter().map(|s| spin.likeness(s)).fold(0.0, f32::max);
             assert!(spin.likeness(&there[k]) > 0.99, "{k}");

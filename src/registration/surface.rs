@@ -7,15 +7,13 @@ use super::align::{Fit, Ground, Target};
 use super::budget::Within;
 use super::moments::by_moments;
 use super::nearest::mutual;
-use super::parts::{by_parts, sights};
+use super::parts::{self, by_parts};
 use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
 use super::scatter::{Point, scatter_until};
 use super::similarity::Similarity;
 
-/// Points of the suspect that judge hypotheses, those that parts are described by, and those that
-/// the final alignment goes by.
+/// Points of the suspect that judge hypotheses, and those that the final alignment goes by.
 const JUDGES: usize = 300;
-const DESCRIBED: usize = 6000;
 const REFINED: usize = 20_000;
 
 /// Distance at which a hypothesis' point counts as on the host, a share of the diagonal; the same
@@ -39,6 +37,13 @@ const ROUGHLY: f64 = 0.7;
 const LOOSER: f64 = 3.0;
 const LESS: f64 = 0.7;
 const TIGHT: f64 = 2e-3;
+
+/// Carriers that a part has at least: fewer fit anywhere.
+const LEAST_PART: usize = 64;
+
+/// A part that lies on its host less closely than this is an accident: right ones are at 0.0005, those on
+/// other hosts at 0.002 to 0.005.
+const LOOSEST_PART: f64 = 1.5e-3;
 
 /// Rounds of an alignment by few points, by more, and by the most.
 const FEW_ROUNDS: u32 = 12;
@@ -82,6 +87,17 @@ pub fn in_place(
     (!(within.stop)()).then_some(Alignment { basis: Basis::InPlace, ..found })
 }
 
+/// Which share of the suspect's surface is where the host's is, roughly; `None` when stopped.
+pub(super) fn share_near(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    similarity: &Similarity,
+    within: Within<'_>,
+) -> Option<f64> {
+    let start = suspect.shape.unit.inverse().then(similarity).then(&host.shape.unit);
+    Some(host.discs(within.stop)?.judge(&start, &suspect.points, FINE, within).overlap)
+}
+
 /// The alignments by the surface alone, best first, without those that are about a `known` one;
 /// none at the least effort, or when stopped.
 #[must_use]
@@ -97,14 +113,21 @@ pub fn by_surface(
     }
     let guesses = by_moments(&host.points, &suspect.points, false);
     let mut fits = aligned(host, suspect, &guesses, within);
-    if effort >= Effort::Thorough && fits.first().is_none_or(|fit| fit.overlap < WHOLE) {
-        let described = |s| scatter_until(s, DESCRIBED, within.stop).map(|points| sights(&points));
-        let (Some(there), Some(here)) = (described(&host.shape), described(&suspect.shape)) else {
+    let is_whole = fits.first().is_some_and(|fit| fit.overlap >= WHOLE);
+    let is_part = suspect.shape.positions.len() >= LEAST_PART;
+    if !is_whole && is_part && within.budget.left() >= parts::PRICE {
+        within.budget.spend(parts::PRICE);
+        let (Some(there), Some(here)) = (host.places(within.stop), suspect.places(within.stop))
+        else {
             return Vec::new();
         };
-        let mut guesses = by_parts(&there, &here, within.stop);
-        guesses.extend(by_moments(&host.points, &suspect.points, true));
-        fits.extend(aligned(host, suspect, &guesses, within));
+        let mut guesses = by_parts(there, here, within.stop);
+        if effort >= Effort::Thorough {
+            guesses.extend(by_moments(&host.points, &suspect.points, true));
+        }
+        let loosest = if effort >= Effort::Thorough { f64::INFINITY } else { LOOSEST_PART };
+        let parts = aligned(host, suspect, &guesses, within);
+        fits.extend(parts.into_iter().filter(|fit| fit.rms <= loosest));
         best_first(&mut fits);
         distinct(&mut fits);
     }
