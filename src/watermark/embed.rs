@@ -36,6 +36,13 @@ const GUARD_ROUNDS: usize = 6;
 /// The loop ends when every bin has at least this share of the margin it is to have.
 const CLOSE_ENOUGH: f64 = 0.95;
 
+/// Rounds after which bins above a relief have enough with less, and that share of their margin. Where
+/// norms are crowded, later rounds give a few bins what they lack and take more from the surface: of ten
+/// marks on a hammer within 0.01 %, four needed weaker strengths, down to 0.013; with this two of sixteen
+/// did, down to 0.056.
+const SHORT_ROUNDS: usize = 4;
+const ENOUGH_ABOVE_RELIEF: f64 = 0.5;
+
 /// Share of a bin's shortfall that is added to its goal. Undamped corrections overshoot where
 /// vertices cross between bins.
 const DAMPING: f64 = 0.8;
@@ -163,7 +170,7 @@ fn embed_as_asked(
         let rank = (wrong, flipped, -fulfilled);
         let better = best_rank.is_none_or(|best| rank < best);
         let few = flipped * FLIPPED_OF <= host.surface.triangles.len();
-        let settled = wrong == 0 && few && fulfilled >= CLOSE_ENOUGH;
+        let settled = wrong == 0 && few && fulfilled >= enough(&host, rounds);
         if better || settled {
             best = Some(round);
             best_rank = Some(rank);
@@ -183,6 +190,12 @@ fn embed_as_asked(
         judge.check_result(&best.reading)?;
     }
     Ok(best)
+}
+
+/// The share of its wanted margin with which the bin that has least is left alone.
+fn enough(host: &Host<'_>, rounds: usize) -> f64 {
+    let is_above_relief = host.original.is_some();
+    if is_above_relief && rounds > SHORT_ROUNDS { ENOUGH_ABOVE_RELIEF } else { CLOSE_ENOUGH }
 }
 
 /// Adds to each bin's correction its shortfall.
