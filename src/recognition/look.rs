@@ -10,7 +10,7 @@ use crate::mesh::stop::{self, Stop, changed, chosen};
 use crate::mesh::surface::Surface;
 use crate::registration::similarity::{Pair, fit};
 use crate::registration::{
-    Alignment, Effort, Similarity, Within, by_surface, by_twins, in_place, suffices,
+    Alignment, Effort, PreparedHost, Similarity, Within, by_surface, by_twins, in_place, suffices,
 };
 use crate::watermark::{Frame, Sighting};
 
@@ -27,6 +27,8 @@ pub enum LookKind {
     Registered(usize),
     /// In place, and vertices that lie on vertices are the same.
     Near,
+    /// Registered, and turned as the host can be turned onto itself: one of so many such turns.
+    Turned(usize),
 }
 
 /// The part of a host's error probability that a look may spend, by kind; they add up to 1.
@@ -39,10 +41,11 @@ impl LookKind {
             Self::InPlace => 0.3,
             Self::Registered(0) => 0.35,
             Self::SameOrder => 0.1,
-            Self::Registered(1) => 0.06,
+            Self::Registered(1) => 0.05,
             Self::Registered(2) => 0.03,
             Self::Registered(_) => 0.01,
-            Self::Near => 0.15,
+            Self::Near => 0.12,
+            Self::Turned(turns) => 0.04 / turns.max(1) as f64,
         }
     }
 }
@@ -124,9 +127,11 @@ pub fn looks(
     if let Some(twins) = by_twins(host, suspect, within.stop) {
         let enough = suffices(host, suspect, &twins, within);
         let rank = if enough { 0 } else { FEW_TWINS };
+        let similarity = twins.similarity;
         see(from_alignment(visitor, twins, LookKind::Registered(rank)))?;
         if enough {
-            return ControlFlow::Continue(());
+            // (Every vertex may have twins in several places.)
+            return see_turned(host, &similarity, within.stop, see);
         }
     }
     let near = in_place(host, suspect, true, within);
@@ -136,9 +141,29 @@ pub fn looks(
         see(from_alignment(visitor, alignment.clone(), LookKind::Near))?;
     }
     let found = by_surface(host, suspect, effort, &known, within);
+    let best = found.first().or(known.first()).map(|best| best.similarity);
     for (rank, alignment) in found.into_iter().take(FEW_TWINS).enumerate() {
         go_on()?;
         see(from_alignment(visitor, alignment, LookKind::Registered(rank)))?;
+    }
+    best.map_or(ControlFlow::Continue(()), |best| see_turned(host, &best, within.stop, see))
+}
+
+/// The looks after one under which the suspect lies on a host that lies on itself in several ways: its shape
+/// does not say in which.
+fn see_turned(
+    host: &PreparedHost,
+    similarity: &Similarity,
+    stop: Stop<'_>,
+    see: &mut dyn FnMut(Look) -> ControlFlow<()>,
+) -> ControlFlow<()> {
+    let turns = host.symmetries(stop).unwrap_or_default();
+    for turn in turns {
+        if stop() {
+            return ControlFlow::Break(());
+        }
+        let kind = LookKind::Turned(turns.len());
+        see(Look { kind, similarity: similarity.then(turn), sightings: Vec::new() })?;
     }
     ControlFlow::Continue(())
 }
@@ -250,7 +275,8 @@ mod tests {
     #[test]
     fn the_shares_of_all_looks_add_up_to_at_most_one() {
         let registered: f64 = (0..=FEW_TWINS).map(|k| LookKind::Registered(k).share()).sum();
-        let rest = [LookKind::InPlace, LookKind::SameOrder, LookKind::Near].map(LookKind::share);
+        let rest = [LookKind::InPlace, LookKind::SameOrder, LookKind::Near, LookKind::Turned(1)];
+        let rest = rest.map(LookKind::share);
         assert!(registered + rest.iter().sum::<f64>() <= 1.0 + 1e-12);
     }
 

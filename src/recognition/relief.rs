@@ -1,7 +1,7 @@
 //! The relief of one mark, read from a suspect wherever a look has it.
 
 use super::home::{Home, Visitor};
-use super::look::{Look, looks_until};
+use super::look::{Look, LookKind, looks_until};
 use crate::registration::{Effort, Within};
 use crate::relief::{Amplitude, ReliefReading, Signs, Work};
 use crate::watermark::MarkKey;
@@ -20,11 +20,15 @@ pub struct ReliefFound {
 /// What a reading takes for each test that it makes: the estimate takes as long as the searches.
 const PER_TEST: u64 = 2;
 
+/// Tests of a reading of one of several turns: some twenty thousand heights, which say little of each cell, but
+/// enough of all.
+const TURNED: u64 = 6_000_000;
+
 /// What a suspect's surface says of the signs of a host, at a look; `None` where it is nowhere near, the
 /// look does not say where it is, or once the job is stopped.
 ///
 /// A reading is charged to the budget: it makes as many tests as sizes explain and are left, a quarter of
-/// them in any case.
+/// them in any case, but for one of several turns.
 #[must_use]
 pub fn relief_at(
     home: &Home,
@@ -41,7 +45,11 @@ pub fn relief_at(
     let (positions, mirrored) = look.placed(suspect);
     let most = ReliefReading::most_tests(host, suspect);
     let left = within.budget.left() / PER_TEST;
-    let mut work = Work::new(most.min(left.max(most / 4)), within.stop);
+    let tests = match look.kind {
+        LookKind::Turned(_) => most.min(TURNED).min(left),
+        _ => most.min(left.max(most / 4)),
+    };
+    let mut work = Work::new(tests, within.stop);
     let placed = (positions.as_slice(), mirrored);
     let reading = ReliefReading::within(host, suspect, placed, amplitude.get(), &mut work);
     within.budget.spend(PER_TEST * work.spent());

@@ -28,11 +28,11 @@ pub struct Allowed {
 }
 
 impl Default for Allowed {
-    /// A test takes 15 ns, so these are 0.45 s, and 6 and 7.5 us per element: what the law of
+    /// A test takes 15 ns, so these are 0.45 s, and 6 us per element: what the law of
     /// `benches/effort.rs` leaves beside the detectors. All searches together take 10 to 50 million tests
     /// on usual hosts.
     fn default() -> Self {
-        Self { fixed: 30_000_000, per_suspect: 400, per_host: 500 }
+        Self { fixed: 30_000_000, per_suspect: 400, per_host: 400 }
     }
 }
 

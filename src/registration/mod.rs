@@ -5,7 +5,8 @@
 //! and [`codes`] (what a crop leaves untouched: the connectivity and proportions around each
 //! vertex), [`similarity`] and [`consensus`] (from pairs of points to a similarity), [`twins`]
 //! (suspect vertices that are host vertices), [`polish`] (the last digits); [`align`], [`discs`],
-//! [`moments`], [`spin`], [`parts`], [`nearest`] and [`surface`] for what has another tessellation;
+//! [`moments`], [`spin`], [`parts`], [`nearest`] and [`surface`] for what has another tessellation, [`symmetry`] for hosts that lie on
+//! themselves in several ways;
 //! [`prepared`] and [`register`](mod@register) (all of it, in order); [`sketch`], [`outline`] and
 //! [`index`] (which hosts to try).
 //!
@@ -33,6 +34,7 @@ pub mod similarity;
 pub mod sketch;
 pub mod spin;
 pub mod surface;
+pub mod symmetry;
 pub mod twins;
 
 pub use budget::{Allowed, Budget, Shares, Within};

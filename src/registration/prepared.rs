@@ -8,6 +8,7 @@ use super::parts::{HostPlaces, SuspectPlaces};
 use super::scatter::{Point, scatter_until};
 use super::shape::Shape;
 use super::similarity::Similarity;
+use super::symmetry::symmetries;
 use super::twins::{Findable, Landmarks};
 use crate::mesh::stop::{Stop, go_on, once, unstopped};
 
@@ -65,6 +66,7 @@ pub struct PreparedHost {
     discs: OnceLock<Discs>,
     target: OnceLock<Option<Target>>,
     places: OnceLock<HostPlaces>,
+    symmetries: OnceLock<Vec<Similarity>>,
 }
 
 /// A suspect made ready.
@@ -88,7 +90,8 @@ impl PreparedHost {
         let landmarks = Landmarks::new(&shape, stop)?;
         let points = scatter_until(&shape, ALIGNED, stop)?;
         let (discs, target, places) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
-        Some(Self { shape, landmarks, points, discs, target, places })
+        let symmetries = OnceLock::new();
+        Some(Self { shape, landmarks, points, discs, target, places, symmetries })
     }
 
     /// Its shape.
@@ -105,6 +108,18 @@ impl PreparedHost {
     /// `None` once `stop` answers `true`.
     pub(super) fn places(&self, stop: Stop<'_>) -> Option<&HostPlaces> {
         once(&self.places, || HostPlaces::new(&scatter_until(&self.shape, DESCRIBED, stop)?, stop))
+    }
+
+    /// The turns that bring it onto itself, but for the identity, in its own coordinates; `None` once
+    /// `stop` answers `true`.
+    pub fn symmetries(&self, stop: Stop<'_>) -> Option<&[Similarity]> {
+        let make = || {
+            let Some(target) = self.target(stop) else { return go_on(stop).map(|()| Vec::new()) };
+            let found = symmetries(&self.points, self.discs(stop)?, target, stop)?;
+            let unit = &self.shape.unit;
+            Some(found.iter().map(|s| unit.then(s).then(&unit.inverse())).collect())
+        };
+        once(&self.symmetries, make).map(Vec::as_slice)
     }
 
     /// Also `None` once `stop` answers `true`.

@@ -189,7 +189,9 @@ impl Visit<'_> {
         };
         let name = match look.kind {
             LookKind::InPlace | LookKind::Near => FrameName::InPlace,
-            LookKind::SameOrder | LookKind::Registered(_) => FrameName::Registered,
+            LookKind::SameOrder | LookKind::Registered(_) | LookKind::Turned(_) => {
+                FrameName::Registered
+            }
         };
         let profile = self.profile(&frame)?;
         let ranked = self.in_frame(housed, &profile);
