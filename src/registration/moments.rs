@@ -72,13 +72,22 @@ impl Moments {
 
 /// Turns about an axis of a box, as it is and upside down.
 fn around(axis: usize) -> Vec<DMat3> {
-    let [along, across] = [axis, (axis + 1) % 3].map(|k| DMat3::IDENTITY.col(k));
-    let over = DMat3::from_axis_angle(across, std::f64::consts::PI);
+    let [x, y, z] = [0, 1, 2].map(|k| DMat3::IDENTITY.col((axis + k) % 3));
     let step = std::f64::consts::TAU / f64::from(AROUND);
-    let turned = |k: u32| DMat3::from_axis_angle(along, f64::from(k) * step);
+    // To the columns of the identity in this order, and back.
+    let (to, back) = (DMat3::from_cols(x, y, z), DMat3::from_cols(x, y, z).transpose());
+    let turned = |k: u32, over: f64| {
+        let (sine, cosine) = libm::sincos(f64::from(k) * step);
+        let columns = [
+            DVec3::new(over, 0.0, 0.0),
+            DVec3::new(0.0, cosine, sine),
+            over * DVec3::new(0.0, -sine, cosine),
+        ];
+        to * DMat3::from_cols(columns[0], columns[1], columns[2]) * back
+    };
     // Quarter turns are among the 24.
     let between = (0..AROUND).filter(|k| !k.is_multiple_of(AROUND / 4));
-    between.flat_map(|k| [turned(k), turned(k) * over]).collect()
+    between.flat_map(|k| [turned(k, 1.0), turned(k, -1.0)]).collect()
 }
 
 /// The 24 rotations of the cube.
