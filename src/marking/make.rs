@@ -117,27 +117,31 @@ impl<'a> Maker<'a> {
 
     /// The mark with this strength.
     pub(super) fn exactly(&self, strength: Strength) -> Result<Fitted<Made>, MarkError> {
-        let made = match self.request.layers {
-            Layers::Blind => self.embedded(Whose::Own, strength)?,
-            Layers::Relief => self.relief_alone(self.request.amplitude, None)?,
+        let fitted = |made| Fitted { made, refused_strengths: 0 };
+        match self.request.layers {
+            Layers::Blind => self.embedded(Whose::Own, strength).map(fitted),
+            Layers::Relief => self.relief_alone(self.request.amplitude, None).map(fitted),
             Layers::Both => match self.embedded(Whose::Own, strength) {
                 Err(error) if is_capacity(&error) => {
-                    self.relief_alone(self.request.amplitude, Some(error))?
+                    let made = self.relief_alone(self.request.amplitude, Some(error))?;
+                    Ok(Fitted { made, refused_strengths: 1 })
                 }
-                made => made?,
+                made => made.map(fitted),
             },
-        };
-        Ok(Fitted { made, refused_strengths: 0 })
+        }
     }
 
-    /// The strongest mark within a limit.
+    /// The strongest mark within a limit. A relief that is alone because the own codeword was refused is
+    /// charged for these tries: it would not be alone with another.
     pub(super) fn within(
         &self,
         limit: MaxDistortion,
         start: Strength,
         strongest: Strength,
     ) -> Result<Fitted<Made>, MarkError> {
+        let mut own_tries = 0;
         let attempt = |whose, strength| {
+            own_tries += u32::from(whose == Whose::Own);
             self.embedded(whose, strength).map(|made| (made.placed.quality.mrms, made))
         };
         match self.request.layers {
@@ -151,7 +155,9 @@ impl<'a> Maker<'a> {
                         if is_capacity(&error)
                             || matches!(error, MarkError::DistortionUnreachable { .. }) =>
                     {
-                        self.relief_alone_within(limit, Some(error))
+                        let fitted = self.relief_alone_within(limit, Some(error))?;
+                        let refused_strengths = own_tries + fitted.refused_strengths;
+                        Ok(Fitted { refused_strengths, ..fitted })
                     }
                     fitted => fitted,
                 }
