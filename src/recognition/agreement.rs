@@ -20,10 +20,11 @@ pub fn share_on(
             LookKind::InPlace => !look.sightings.is_empty(),
             kind => kind == LookKind::SameOrder,
         };
+        // (Turned as the host can be turned onto itself, it lies on the same share.)
         // The same vertices at nearly the same places need no closer look.
         let share = if in_order {
             Some(1.0)
-        } else if !look.is_placed() {
+        } else if !look.is_placed() || matches!(look.kind, LookKind::Turned(_)) {
             None
         } else {
             let suspect = visitor.surface();

@@ -256,6 +256,7 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::mesh::surface::Surface;
     use crate::registration::Budget;
+    use crate::registration::symmetry::tests::crown;
     use crate::sample::Sample;
     use glam::{DQuat, DVec3};
 
@@ -330,6 +331,31 @@ mod tests {
         let part = Mesh::new([moved, vec![DVec3::ZERO]].concat(), kept).unwrap();
         let kinds: Vec<LookKind> = all(&home, &part).iter().map(|look| look.kind).collect();
         assert_eq!(kinds, [LookKind::InPlace, LookKind::Registered(0)]);
+    }
+
+    /// The shape does not say which of the five is the suspect's, so each has to be among the looks.
+    #[test]
+    fn a_new_tessellation_of_a_symmetric_host_is_seen_in_every_pose() {
+        let host = crown(5, [240, 40]);
+        let home = Home::new(host.clone());
+        let anew = crown(5, [170, 30]);
+        let away = Similarity {
+            scale: 0.3,
+            rotation: DQuat::from_rotation_y(1.1) * DQuat::from_rotation_x(0.4),
+            translation: DVec3::new(4.0, -2.0, 9.0),
+        };
+        for pose in 0..5_u32 {
+            let turn = DQuat::from_rotation_z(f64::from(pose) * std::f64::consts::TAU / 5.0);
+            let place = |p: &DVec3| away.apply(turn * *p);
+            let positions: Vec<DVec3> = anew.positions().iter().map(place).collect();
+            let suspect = Mesh::new(positions, anew.triangles().to_vec()).unwrap();
+            let off = |look: &Look| {
+                let off = |p: &DVec3| look.similarity.apply(place(p)).distance(*p);
+                anew.positions().iter().map(off).fold(0.0, f64::max)
+            };
+            let least = all(&home, &suspect).iter().map(off).fold(f64::INFINITY, f64::min);
+            assert!(least < 5e-3 * home.surface().diagonal(), "{pose}: {least}");
+        }
     }
 
     #[test]

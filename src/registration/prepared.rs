@@ -114,8 +114,7 @@ impl PreparedHost {
     /// `stop` answers `true`.
     pub fn symmetries(&self, stop: Stop<'_>) -> Option<&[Similarity]> {
         let make = || {
-            let Some(target) = self.target(stop) else { return go_on(stop).map(|()| Vec::new()) };
-            let found = symmetries(&self.points, self.discs(stop)?, target, stop)?;
+            let found = symmetries(self, stop)?;
             let unit = &self.shape.unit;
             Some(found.iter().map(|s| unit.then(s).then(&unit.inverse())).collect())
         };

@@ -18,8 +18,8 @@ const REFINED: usize = 20_000;
 
 /// Distance at which a hypothesis' point counts as on the host, a share of the diagonal; the same
 /// once it is aligned.
-const ROUGH: f64 = 0.08;
-const FINE: f64 = 0.01;
+pub(super) const ROUGH: f64 = 0.08;
+pub(super) const FINE: f64 = 0.01;
 
 /// Hypotheses that are aligned, and that are returned.
 const ALIGNED_HYPOTHESES: usize = 12;
