@@ -7,7 +7,9 @@
 pub mod adjacency;
 pub mod closest;
 pub mod distortion;
+pub mod facing;
 pub mod linear;
+pub mod mixing;
 pub mod powers;
 pub mod quadric;
 pub mod quality;

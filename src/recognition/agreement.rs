@@ -27,7 +27,7 @@ pub fn share_on(
         } else if !look.is_placed() || matches!(look.kind, LookKind::Turned(_)) {
             None
         } else {
-            let suspect = visitor.surface();
+            let suspect = visitor.surface(home);
             let (positions, mirrored) = look.placed(suspect);
             let host = home.relief(within.stop);
             host.and_then(|host| host.share_on(suspect, &positions, mirrored, within.stop))

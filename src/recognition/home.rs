@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use crate::mesh::Mesh;
+use crate::mesh::facing::{faces_inward, turned_over};
 use crate::mesh::stop::{Stop, go_on, once, unstopped};
 use crate::mesh::surface::Surface;
 use crate::registration::{PreparedHost, PreparedSuspect, Shape};
@@ -12,6 +13,7 @@ use crate::relief::ReliefHost;
 pub struct Home {
     mesh: Mesh,
     surface: Surface,
+    faces_inward: Option<bool>,
     prepared: OnceLock<Option<PreparedHost>>,
     relief: OnceLock<Option<ReliefHost>>,
 }
@@ -27,7 +29,8 @@ impl Home {
     #[must_use]
     pub fn new_until(mesh: Mesh, stop: Stop<'_>) -> Option<Self> {
         let surface = Surface::new_until(&mesh, stop)?;
-        Some(Self { surface, mesh, prepared: OnceLock::new(), relief: OnceLock::new() })
+        let (faces_inward, prepared) = (faces_inward(&surface), OnceLock::new());
+        Some(Self { mesh, surface, faces_inward, prepared, relief: OnceLock::new() })
     }
 
     /// Its geometry.
@@ -75,6 +78,14 @@ impl Home {
 pub struct Visitor<'a> {
     mesh: &'a Mesh,
     surface: &'a Surface,
+    faces_inward: Option<bool>,
+    prepared: OnceLock<Option<PreparedSuspect>>,
+    /// With its triangles turned over.
+    over: OnceLock<Over>,
+}
+
+struct Over {
+    surface: Surface,
     prepared: OnceLock<Option<PreparedSuspect>>,
 }
 
@@ -82,7 +93,8 @@ impl<'a> Visitor<'a> {
     /// A mesh and its carriers.
     #[must_use]
     pub fn new(mesh: &'a Mesh, surface: &'a Surface) -> Self {
-        Self { mesh, surface, prepared: OnceLock::new() }
+        let (faces_inward, prepared) = (faces_inward(surface), OnceLock::new());
+        Self { mesh, surface, faces_inward, prepared, over: OnceLock::new() }
     }
 
     /// Its geometry.
@@ -91,19 +103,26 @@ impl<'a> Visitor<'a> {
         self.mesh
     }
 
-    /// Its carriers.
+    /// Its carriers; with triangles that face as the host's do where both have an inside.
     #[must_use]
-    pub fn surface(&self) -> &Surface {
-        self.surface
+    pub fn surface(&self, home: &Home) -> &Surface {
+        self.over(home).map_or(self.surface, |over| &over.surface)
     }
 
     /// `None` where there is no shape, and once `stop` answers `true`.
-    pub(super) fn prepared(&self, stop: Stop<'_>) -> Option<&PreparedSuspect> {
+    pub(super) fn prepared(&self, home: &Home, stop: Stop<'_>) -> Option<&PreparedSuspect> {
         let prepare = || {
-            let shape = Shape::new_until(self.surface.clone(), stop);
+            let shape = Shape::new_until(self.surface(home).clone(), stop);
             let prepared = shape.and_then(|shape| PreparedSuspect::new_until(shape, stop));
             go_on(stop).map(|()| prepared)
         };
-        once(&self.prepared, prepare)?.as_ref()
+        let prepared = self.over(home).map_or(&self.prepared, |over| &over.prepared);
+        once(prepared, prepare)?.as_ref()
+    }
+
+    fn over(&self, home: &Home) -> Option<&Over> {
+        let inside_out = self.faces_inward? != home.faces_inward?;
+        let make = || Over { surface: turned_over(self.surface), prepared: OnceLock::new() };
+        inside_out.then(|| self.over.get_or_init(make))
     }
 }

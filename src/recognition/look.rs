@@ -120,7 +120,8 @@ pub fn looks(
     if let Some(look) = same_order(home, ordered, within.stop) {
         see(look)?;
     }
-    let (Some(host), Some(suspect)) = (home.prepared(within.stop), visitor.prepared(within.stop))
+    let (Some(host), Some(suspect)) =
+        (home.prepared(within.stop), visitor.prepared(home, within.stop))
     else {
         return ControlFlow::Continue(());
     };
@@ -128,7 +129,7 @@ pub fn looks(
         let enough = suffices(host, suspect, &twins, within);
         let rank = if enough { 0 } else { FEW_TWINS };
         let similarity = twins.similarity;
-        see(from_alignment(visitor, twins, LookKind::Registered(rank)))?;
+        see(from_alignment(home, visitor, twins, LookKind::Registered(rank)))?;
         if enough {
             // (Every vertex may have twins in several places.)
             return see_turned(host, &similarity, within.stop, see);
@@ -138,13 +139,13 @@ pub fn looks(
     let known: Vec<Alignment> = near.into_iter().collect();
     for alignment in &known {
         go_on()?;
-        see(from_alignment(visitor, alignment.clone(), LookKind::Near))?;
+        see(from_alignment(home, visitor, alignment.clone(), LookKind::Near))?;
     }
     let found = by_surface(host, suspect, effort, &known, within);
     let best = found.first().or(known.first()).map(|best| best.similarity);
     for (rank, alignment) in found.into_iter().take(FEW_TWINS).enumerate() {
         go_on()?;
-        see(from_alignment(visitor, alignment, LookKind::Registered(rank)))?;
+        see(from_alignment(home, visitor, alignment, LookKind::Registered(rank)))?;
     }
     best.map_or(ControlFlow::Continue(()), |best| see_turned(host, &best, within.stop, see))
 }
@@ -181,10 +182,15 @@ pub(super) fn looks_until(
     })
 }
 
-fn from_alignment(visitor: &Visitor<'_>, alignment: Alignment, kind: LookKind) -> Look {
+fn from_alignment(
+    home: &Home,
+    visitor: &Visitor<'_>,
+    alignment: Alignment,
+    kind: LookKind,
+) -> Look {
     let Alignment { similarity, pairs, .. } = alignment;
     let sighting = |&[suspect, carrier]: &[u32; 2]| {
-        let at = visitor.surface().positions.get(suspect as usize)?;
+        let at = visitor.surface(home).positions.get(suspect as usize)?;
         Some(Sighting { carrier, at: similarity.apply(*at) })
     };
     Look { kind, similarity, sightings: pairs.iter().filter_map(sighting).collect() }
@@ -355,6 +361,26 @@ mod tests {
             };
             let least = all(&home, &suspect).iter().map(off).fold(f64::INFINITY, f64::min);
             assert!(least < 5e-3 * home.surface().diagonal(), "{pose}: {least}");
+        }
+    }
+
+    #[test]
+    fn a_copy_whose_triangles_were_turned_over_is_seen_where_it_lies() {
+        let host = Sample::Blob.mesh(6000).unwrap();
+        let home = Home::new(host.clone());
+        let over = |mesh: &Mesh| mesh.triangles().iter().map(|&[a, b, c]| [a, c, b]).collect();
+        let place = |p: &DVec3| DQuat::from_rotation_x(0.7) * *p * 3.0 + DVec3::ONE;
+        for copy in [host, Sample::Blob.mesh(4000).unwrap()] {
+            let moved = copy.positions().iter().map(place).collect();
+            let suspect = Mesh::new(moved, over(&copy)).unwrap();
+            let off = |look: &Look| {
+                let off = |p: &DVec3| look.similarity.apply(place(p)).distance(*p);
+                copy.positions().iter().map(off).fold(0.0, f64::max)
+            };
+            let placed = all(&home, &suspect).into_iter();
+            let registered = placed.filter(|look| look.kind == LookKind::Registered(0));
+            let least = registered.map(|look| off(&look)).fold(f64::INFINITY, f64::min);
+            assert!(least < 2e-3 * home.surface().diagonal(), "{least}");
         }
     }
 

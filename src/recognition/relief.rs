@@ -41,7 +41,7 @@ pub fn relief_at(
         return None;
     }
     let host = home.relief(within.stop)?;
-    let suspect = visitor.surface();
+    let suspect = visitor.surface(home);
     let (positions, mirrored) = look.placed(suspect);
     let most = ReliefReading::most_tests(host, suspect);
     let left = within.budget.left() / PER_TEST;

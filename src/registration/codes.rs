@@ -14,6 +14,7 @@
 use glam::DVec3;
 
 use super::rings::{MAX_VALENCE, NONE, Rings};
+use crate::mesh::mixing::mixed;
 use crate::mesh::stop::{Stop, counted, in_steps_of, mapped, unstopped};
 
 /// In which sense rings are read. A mirror image, or a file whose triangles were all turned over,
@@ -46,13 +47,10 @@ impl Code {
 /// itself: with 1024 steps, 1 in 40 of the codes is lost to an unlucky rounding.
 const STEPS: f64 = 1024.0;
 
-/// Adds `x` to the hash `h` (the finaliser of `splitmix64`; Steele, Lea and Flood 2014). Never 0.
+/// Adds `x` to the hash `h`. Never 0.
 #[must_use]
 pub fn mix(h: u64, x: u64) -> u64 {
-    let mut z = (h ^ x).wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    (z ^ (z >> 31)).max(1)
+    mixed(h ^ x).max(1)
 }
 
 /// The code of a cyclic sequence: the same for each place it may be begun at.
