@@ -39,6 +39,7 @@ fn main() {
     let params = EmbedParams::default();
     let request = MarkRequest {
         key: &MarkKey::from_bytes([7; 32]),
+        others: &[],
         message: &Message::from_bytes(&[0x5a; 8], BitCount::default()).unwrap(),
         params,
         limits: Limits::default(),

@@ -137,6 +137,7 @@ fn main() {
                     let (key, message) = draw(&mut random);
                     let request = MarkRequest {
                         key: &key,
+                        others: &[],
                         message: &message,
                         params: EmbedParams { method, ..EmbedParams::default() },
                         limits,

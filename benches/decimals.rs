@@ -63,6 +63,7 @@ fn main() {
         Message::from_bytes(&[0x5a, 0x3c, 0x96, 0xe1, 0x0f, 0xa5, 0x69, 0xd2], Default::default());
     let request = MarkRequest {
         key: &MarkKey::from_bytes([7; 32]),
+        others: &[],
         message: &message.unwrap(),
         params: EmbedParams {
             strength: Strength::new(strength).unwrap(),

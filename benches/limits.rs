@@ -150,6 +150,7 @@ fn measure(host: &[u8], limit: f64, options: &Options) -> Sum {
         let (key, message) = key_and_message(number, bits);
         let request = MarkRequest {
             key: &key,
+            others: &[],
             message: &message,
             params: EmbedParams { method: options.method, bits, ..EmbedParams::default() },
             limits: Limits::default(),
@@ -168,14 +169,14 @@ fn measure(host: &[u8], limit: f64, options: &Options) -> Sum {
                 let report = marked.report;
                 assert!(report.quality.mrms <= limit.get());
                 sum.marks += 1;
-                sum.at_once += u32::from(report.refused_strengths == 0);
-                sum.refused += report.refused_strengths;
-                sum.most = sum.most.max(report.refused_strengths);
+                sum.at_once += u32::from(report.refused == 0);
+                sum.refused += report.refused;
+                sum.most = sum.most.max(report.refused);
                 sum.blind += u32::from(report.layers.has_blind());
                 sum.strength += report.strength.get();
                 sum.most_used = sum.most_used.max(report.quality.mrms / limit.get());
                 sum.used += report.quality.mrms / limit.get();
-                sum.decades += decades(report.refused_strengths);
+                sum.decades += decades(report.refused);
                 sum.seconds += began.elapsed().as_secs_f64();
             }
             Err(

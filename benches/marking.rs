@@ -53,6 +53,7 @@ fn main() {
     let message = message.unwrap();
     let request = |method| MarkRequest {
         key: &key,
+        others: &[],
         message: &message,
         params: EmbedParams { method, ..EmbedParams::default() },
         limits: Limits::default(),

@@ -96,6 +96,7 @@ fn main() {
                     Message::from_bytes(&[run.wrapping_mul(151); 8], BitCount::default()).unwrap();
                 let request = MarkRequest {
                     key: &key,
+                    others: &[],
                     message: &message,
                     params: EmbedParams {
                         method: Method::QspMean,

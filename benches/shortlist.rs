@@ -72,6 +72,7 @@ fn placed(mesh: &Mesh, random: &mut ChaCha20Rng) -> Mesh {
 fn marked(host: &[u8]) -> Option<Mesh> {
     let request = MarkRequest {
         key: &MarkKey::from_bytes([7; 32]),
+        others: &[],
         message: &Message::from_bytes(&[151; 8], BitCount::default()).unwrap(),
         params: EmbedParams::default(),
         limits: Limits::default(),

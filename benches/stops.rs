@@ -101,6 +101,7 @@ fn files(mesh: &Mesh) {
         let made = stage(&format!("marking {format}, qsp-mean, bytes to bytes"), |stop| {
             let request = MarkRequest {
                 key: &MarkKey::from_bytes([3; 32]),
+                others: &[],
                 message: &message,
                 params: EmbedParams { method: Method::QspMean, ..EmbedParams::default() },
                 limits,

@@ -20,6 +20,7 @@
 //!     &host,
 //!     &MarkRequest {
 //!         key: &key,
+//!         others: &[],
 //!         message: &message,
 //!         params,
 //!         limits: Limits::default(),

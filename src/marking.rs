@@ -25,9 +25,8 @@ use crate::watermark::{
 
 pub use crate::relief::{Amplitude, Layers};
 pub use inspect::{Inspection, inspect, inspect_asset, inspect_asset_until};
-use make::{Made, Maker, relief_within};
-use within::Fitted;
-pub use within::{MOST_STRENGTHS, MaxDistortion};
+use make::{Fitted, Made, Maker, relief_within};
+pub use within::{MaxDistortion, most_tries};
 
 /// Why a file was not marked.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -71,6 +70,8 @@ pub enum MarkError {
 pub struct MarkRequest<'a> {
     /// The mark key.
     pub key: &'a MarkKey,
+    /// Keys to go on with, one after the other, where the blind layer is refused with those before.
+    pub others: &'a [MarkKey],
     /// The message; its length must be `params.bits`.
     pub message: &'a Message,
     /// Method, strength, bits, loop: the blind layer's.
@@ -87,9 +88,18 @@ pub struct MarkRequest<'a> {
     pub independent_check_max_bytes: usize,
 }
 
+impl<'a> MarkRequest<'a> {
+    /// All its keys, in order.
+    pub(crate) fn keys(&self) -> impl Iterator<Item = &'a MarkKey> {
+        std::iter::once(self.key).chain(self.others)
+    }
+}
+
 /// A marked file and what is worth knowing about it.
 #[derive(Debug)]
 pub struct Marked {
+    /// Which of the request's keys marked it: 0 for the first, then the others.
+    pub key: usize,
     /// The marked file.
     pub bytes: Vec<u8>,
     /// Its format, as sniffed.
@@ -128,9 +138,9 @@ pub struct MarkReport {
     /// How far the relief moves the surface; none without one.
     #[serde(serialize_with = "optional_number")]
     pub amplitude: Option<Amplitude>,
-    /// Strengths that this codeword was tried with and that distorted too much: what was chosen among
+    /// Codewords and strengths, one by one, that were tried before and refused: what was chosen among
     /// them is chosen by the codeword.
-    pub refused_strengths: u32,
+    pub refused: u32,
     /// The method that chose the positions: where an `exact` one does not settle, the paper's.
     #[serde(serialize_with = "name")]
     pub method_used: Method,
@@ -219,12 +229,12 @@ fn mark_by(
     asset: Asset,
     host: &[u8],
     request: &MarkRequest<'_>,
-    choose: &dyn Fn(&Maker<'_>) -> Result<Fitted<Made>, MarkError>,
+    choose: &dyn Fn(&mut Maker<'_>) -> Result<Fitted<Made>, MarkError>,
 ) -> Result<Marked, MarkError> {
     let cancelled = || if (request.stop)() { Err(WatermarkError::Cancelled) } else { Ok(()) };
     cancelled()?;
-    let maker = Maker::new(&asset, request)?;
-    let Fitted { made, refused_strengths } = choose(&maker)?;
+    let mut maker = Maker::new(&asset, request)?;
+    let Fitted { made, refused } = choose(&mut maker)?;
     let Written { bytes, more_decimals } =
         asset.with_step(made.step).write_until(host, &made.placed.positions, request.stop)?;
     cancelled()?;
@@ -233,7 +243,9 @@ fn mark_by(
     if layers == Layers::Blind && request.layers == Layers::Both {
         // A relief that is not there costs distortion for nothing.
         drop(maker);
-        return mark_by(asset, host, &MarkRequest { layers, ..*request }, choose);
+        let mut marked = mark_by(asset, host, &MarkRequest { layers, ..*request }, choose)?;
+        marked.report.refused += refused;
+        return Ok(marked);
     }
     let format = asset.format();
     if bytes.len() <= request.independent_check_max_bytes
@@ -256,13 +268,14 @@ fn mark_by(
         rounds: blind.map_or(0, |blind| blind.rounds),
         strength: made.strength,
         amplitude: layers.has_relief().then_some(made.amplitude),
-        refused_strengths,
+        refused,
         method_used: blind.map_or(request.params.method, |blind| blind.method),
         quality: made.placed.quality,
         more_decimals,
     };
     let host_frame = maker.host_frame(&made);
-    Ok(Marked { bytes, format, host: asset.into_mesh(), host_frame, report })
+    let key = maker.place;
+    Ok(Marked { key, bytes, format, host: asset.into_mesh(), host_frame, report })
 }
 
 /// Measures positions of file vertices, as they will be written, against the host.

@@ -20,6 +20,7 @@ fn copy(host: &[u8], seed: u8) -> (Mesh, Codeword) {
     let message = Message::from_bytes(&[seed.wrapping_mul(37); 32], bits).unwrap();
     let request = MarkRequest {
         key: &key,
+        others: &[],
         message: &message,
         params: EmbedParams { bits, ..EmbedParams::default() },
         limits: Limits::default(),

@@ -84,6 +84,7 @@ fn marked_bytes(host: &[u8], method: Method) -> Vec<u8> {
     let (bits, strength) = (BitCount::new(32).unwrap(), Strength::new(0.1).unwrap());
     let request = MarkRequest {
         key: &MarkKey::from_bytes(counting()),
+        others: &[],
         message: &Message::from_hex("c0ffee42", bits).unwrap(),
         params: EmbedParams { method, strength, bits, closed_loop: true },
         limits: Limits::default(),
@@ -137,6 +138,7 @@ fn marked(
     let host = to_glb(&read(&to_obj(mesh)));
     let request = MarkRequest {
         key,
+        others: &[],
         message: &message(params.bits),
         params,
         limits: Limits::default(),
@@ -151,7 +153,7 @@ fn marked(
     let facts = json!({
         "vertices": report.vertices,
         "strength": report.strength.get(),
-        "refused_strengths": report.refused_strengths,
+        "refused": report.refused,
         "method_used": report.method_used.name(),
         "flipped": report.quality.flipped,
         "rounds": report.rounds,

@@ -214,6 +214,7 @@ fn preparations(case: &Case) -> Vec<Stage<'_>> {
                 let limits = Limits::default();
                 let request = MarkRequest {
                     key: &MarkKey::from_bytes([3; 32]),
+                    others: &[],
                     message: &message,
                     params: EmbedParams { method: Method::QspMean, ..EmbedParams::default() },
                     limits,

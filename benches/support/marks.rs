@@ -27,6 +27,7 @@ pub fn marked(
     random.fill_bytes(&mut message);
     let request = MarkRequest {
         key: &MarkKey::from_bytes(key),
+        others: &[],
         message: &Message::from_bytes(&message, params.bits).unwrap(),
         params,
         limits: Limits::default(),

@@ -19,6 +19,7 @@ fuzz_target!(|bytes: &[u8]| {
     let Ok(message) = Message::from_bytes(&[0x5a, choice], bits) else { return };
     let request = MarkRequest {
         key: &key,
+        others: &[],
         message: &message,
         params,
         limits,

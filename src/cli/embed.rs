@@ -55,6 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let host = files::read(&arguments.input)?;
     let request = MarkRequest {
         key: &arguments.key,
+        others: &[],
         message: &message,
         params: EmbedParams {
             method: arguments.method,

@@ -155,6 +155,7 @@ impl Trial<'_> {
             params,
             limits,
             stop,
+            others: &[],
             layers: Layers::Blind,
             amplitude: Amplitude::default(),
             independent_check_max_bytes,

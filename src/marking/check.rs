@@ -58,7 +58,7 @@ impl Maker<'_> {
         let request = self.request;
         let params = &request.params;
         let modulation = params.method.modulation();
-        let found = extract_until(surface, request.key, params.bits, modulation, request.stop)?;
+        let found = extract_until(surface, self.key(), params.bits, modulation, request.stop)?;
         let wanted = request.message.bits();
         let differs = |(read, meant): &(&Option<bool>, &bool)| read.is_some_and(|b| b != **meant);
         let wrong = found.bits.iter().zip(wanted).filter(differs).count();
@@ -81,14 +81,14 @@ impl Maker<'_> {
 
     /// Whether the relief is there.
     fn check_relief(&self, again: &Asset, amplitude: Amplitude) -> Result<bool, MarkError> {
-        let Some(relief) = &self.relief else { return Ok(false) };
+        let (Some(field), Some(relief)) = (&self.field, &self.relief) else { return Ok(false) };
         let vertices = again.mesh().positions();
         let at = |&vertex: &u32| vertices.get(usize::try_from(vertex).ok()?).copied();
         let carriers: Option<Vec<_>> = self.surface.first_vertex.iter().map(at).collect();
         let Some(carriers) = carriers else { return Ok(false) };
         let amplitude = amplitude.get();
         let stop = self.request.stop;
-        let share = relief.field.share_of(&self.surface, &carriers, &relief.signs, amplitude, stop);
+        let share = field.share_of(&self.surface, &carriers, &relief.signs, amplitude, stop);
         let share = share.ok_or(WatermarkError::Cancelled)?;
         if share.value < WHOLE || share.uncertainty > CERTAIN {
             return Ok(false);

@@ -3,14 +3,14 @@
 use glam::DVec3;
 
 use super::layers::{Base, Placed, Raised, signs};
-use super::within::{Fitted, PROBES, Room, Whose, strongest_within};
+use super::within::{PROBES, Room, first_strength, shares, strongest_within};
 use super::{MarkError, MarkRequest, MaxDistortion};
 use crate::formats::Asset;
 use crate::mesh::stop::Stop;
 use crate::mesh::surface::Surface;
 use crate::relief::{Amplitude, Field, Layers, Signs};
 use crate::watermark::bins::norms;
-use crate::watermark::{BitCount, Codeword, EmbedParams, Frame, Strength, WatermarkError};
+use crate::watermark::{BitCount, Codeword, EmbedParams, Frame, MarkKey, Strength, WatermarkError};
 
 /// How coarse the steps of written coordinates may be, as a share of how far a mark moves the
 /// statistic of a bin (its strength times the bin's width). Moves of less than half a step are lost to
@@ -48,38 +48,48 @@ pub(super) struct Made {
     pub(super) step: f64,
 }
 
-/// The relief of the own key.
+/// What was settled for, and how many codewords, strengths and amplitudes were refused before.
+pub(super) struct Fitted<T> {
+    pub(super) made: T,
+    pub(super) refused: u32,
+}
+
+/// The relief of a key.
 pub(super) struct Relief {
-    pub(super) field: Field,
     pub(super) signs: Signs,
     raised: Raised,
 }
 
-/// Makes marks of one key on one host.
+/// Makes marks on one host.
 pub(super) struct Maker<'a> {
     pub(super) asset: &'a Asset,
     pub(super) request: &'a MarkRequest<'a>,
     pub(super) surface: Surface,
-    pub(super) codeword: Codeword,
     probes: [Codeword; PROBES.len()],
-    /// None where no relief is asked for, or the surface has no field.
+    /// None where no relief is asked for, or the surface has none.
+    pub(super) field: Option<Field>,
+    /// Of the request's keys, which is used.
+    pub(super) place: usize,
+    codeword: Codeword,
+    /// Of the key that is used, where there is a field.
     pub(super) relief: Option<Relief>,
     /// Width of a bin in the host's own frame.
     width: f64,
 }
 
 /// Whether another mark may be carried where this one is not.
-fn is_capacity(error: &MarkError) -> bool {
+fn is_about_the_mark(error: &MarkError) -> bool {
     matches!(
         error,
-        MarkError::Watermark(
-            WatermarkError::InsufficientCapacity { .. } | WatermarkError::NoRadialExtent { .. }
-        )
+        MarkError::DistortionUnreachable { .. }
+            | MarkError::Watermark(
+                WatermarkError::InsufficientCapacity { .. } | WatermarkError::NoRadialExtent { .. }
+            )
     )
 }
 
 impl<'a> Maker<'a> {
-    /// Welds the host and raises its relief.
+    /// Welds the host and raises the relief of the first key.
     pub(super) fn new(asset: &'a Asset, request: &'a MarkRequest<'a>) -> Result<Self, MarkError> {
         let stop = request.stop;
         let surface = Surface::new_until(asset.mesh(), stop).ok_or(WatermarkError::Cancelled)?;
@@ -87,18 +97,38 @@ impl<'a> Maker<'a> {
         let codeword = Codeword::new(request.key, request.message);
         let probes = PROBES.map(|number| Codeword::probe(bits, number));
         let width = bin_width(&surface, bits, stop).ok_or(WatermarkError::Cancelled)?;
-        let mut maker = Self { asset, request, surface, codeword, probes, relief: None, width };
-        let field = request.layers.has_relief().then(|| Field::new_until(&maker.surface, stop));
+        let field = request.layers.has_relief().then(|| Field::new_until(&surface, stop));
         if stop() {
             return Err(WatermarkError::Cancelled.into());
         }
-        let field = field.flatten();
-        if let Some(field) = field {
-            let signs = signs(request.key, &field);
-            let raised = maker.base().raised(&field, &signs, request.amplitude)?;
-            maker.relief = Some(Relief { field, signs, raised });
-        }
+        let (field, relief, place) = (field.flatten(), None, 0);
+        let mut maker =
+            Self { asset, request, surface, probes, field, place, codeword, relief, width };
+        maker.relief = maker.raised()?;
         Ok(maker)
+    }
+
+    /// The relief of the key that is used.
+    fn raised(&self) -> Result<Option<Relief>, MarkError> {
+        let Some(field) = &self.field else { return Ok(None) };
+        let signs = signs(self.key(), field);
+        let raised = self.base().raised(field, &signs, self.request.amplitude)?;
+        Ok(Some(Relief { signs, raised }))
+    }
+
+    /// The key that is used.
+    pub(super) fn key(&self) -> &MarkKey {
+        self.request.keys().nth(self.place).unwrap_or(self.request.key)
+    }
+
+    /// Goes on with the key at this place.
+    fn use_key(&mut self, place: usize) -> Result<(), MarkError> {
+        if place != self.place {
+            self.place = place;
+            self.codeword = Codeword::new(self.key(), self.request.message);
+            self.relief = self.raised()?;
+        }
+        Ok(())
     }
 
     fn base(&self) -> Base<'_> {
@@ -116,63 +146,96 @@ impl<'a> Maker<'a> {
     }
 
     /// The mark with this strength.
-    pub(super) fn exactly(&self, strength: Strength) -> Result<Fitted<Made>, MarkError> {
-        let fitted = |made| Fitted { made, refused_strengths: 0 };
-        match self.request.layers {
-            Layers::Blind => self.embedded(Whose::Own, strength).map(fitted),
-            Layers::Relief => self.relief_alone(self.request.amplitude, None).map(fitted),
-            Layers::Both => match self.embedded(Whose::Own, strength) {
-                Err(error) if is_capacity(&error) => {
-                    let made = self.relief_alone(self.request.amplitude, Some(error))?;
-                    Ok(Fitted { made, refused_strengths: 1 })
-                }
-                made => made.map(fitted),
-            },
-        }
+    pub(super) fn exactly(&mut self, strength: Strength) -> Result<Fitted<Made>, MarkError> {
+        let embed = |maker: &Self, _: bool, tries: &mut u32| {
+            *tries += 1;
+            maker.embedded(strength)
+        };
+        self.layered(embed, &|maker| {
+            let made = maker.relief_alone(maker.request.amplitude)?;
+            Ok(Fitted { made, refused: 0 })
+        })
     }
 
-    /// The strongest mark within a limit. A relief that is alone because the own codeword was refused is
-    /// charged for these tries: it would not be alone with another.
+    /// The strongest mark within a limit.
     pub(super) fn within(
-        &self,
+        &mut self,
         limit: MaxDistortion,
         start: Strength,
         strongest: Strength,
     ) -> Result<Fitted<Made>, MarkError> {
-        let mut own_tries = 0;
-        let attempt = |whose, strength| {
-            own_tries += u32::from(whose == Whose::Own);
-            self.embedded(whose, strength).map(|made| (made.placed.quality.mrms, made))
+        let amplitude =
+            if self.request.layers.has_relief() { self.request.amplitude.get() } else { 0.0 };
+        let left = (limit.get() * limit.get() - amplitude * amplitude).max(0.0).sqrt();
+        let mut first = None;
+        let embed = |maker: &Self, last: bool, tries: &mut u32| {
+            let probed = |place, strength| maker.probed(place, strength);
+            let known = match first {
+                Some(known) => known,
+                None => first_strength(Room { limit, left }, start, strongest, probed)?,
+            };
+            first = Some(known);
+            strongest_within(limit, known, shares(last), |strength| {
+                *tries += 1;
+                maker.embedded(strength).map(|made| (made.placed.quality.mrms, made))
+            })
         };
-        match self.request.layers {
-            Layers::Blind => strongest_within(Room::whole(limit), start, strongest, attempt),
-            Layers::Relief => self.relief_alone_within(limit, None),
-            Layers::Both => {
-                let relief = self.request.amplitude.get();
-                let left = (limit.get() * limit.get() - relief * relief).max(0.0).sqrt();
-                match strongest_within(Room { limit, left }, start, strongest, attempt) {
-                    Err(error)
-                        if is_capacity(&error)
-                            || matches!(error, MarkError::DistortionUnreachable { .. }) =>
-                    {
-                        let fitted = self.relief_alone_within(limit, Some(error))?;
-                        let refused_strengths = own_tries + fitted.refused_strengths;
-                        Ok(Fitted { refused_strengths, ..fitted })
-                    }
-                    fitted => fitted,
-                }
-            }
-        }
+        self.layered(embed, &|maker| maker.relief_alone_within(limit))
     }
 
-    /// The blind layer, on the relief where it is the own codeword's and there is one.
-    fn embedded(&self, whose: Whose, strength: Strength) -> Result<Made, MarkError> {
-        let codeword = match whose {
-            Whose::Own => &self.codeword,
-            Whose::Probe(place) => &self.probes[place],
+    /// The blind layer of the first key that `embed` makes one of, on its relief where one is asked for;
+    /// where there is none, the relief alone, of the last key. `embed` is told whether no other key follows,
+    /// and counts codewords and strengths that it tries. A relief that is alone because they were refused
+    /// is charged for them: it would not be alone with another key.
+    fn layered(
+        &mut self,
+        mut embed: impl FnMut(&Self, bool, &mut u32) -> Result<Made, MarkError>,
+        alone: &dyn Fn(&Self) -> Result<Fitted<Made>, MarkError>,
+    ) -> Result<Fitted<Made>, MarkError> {
+        let layers = self.request.layers;
+        if layers == Layers::Relief {
+            return alone(self);
+        }
+        let last = self.request.others.len();
+        let (mut tries, mut place) = (0, 0);
+        let reason = loop {
+            self.use_key(place)?;
+            let before = tries;
+            let error = match embed(self, place == last, &mut tries) {
+                Ok(made) => return Ok(Fitted { made, refused: tries.saturating_sub(1) }),
+                Err(error) if is_about_the_mark(&error) => error,
+                Err(error) => return Err(error),
+            };
+            // (Where nothing was tried, it is the host that carries no mark.)
+            if place == last || tries == before {
+                break error;
+            }
+            place += 1;
         };
-        let relief = self.relief.as_ref().filter(|_| whose == Whose::Own);
-        let raised = relief.map(|relief| &relief.raised);
+        if layers == Layers::Blind || self.relief.is_none() {
+            return Err(reason);
+        }
+        let Fitted { made, refused } = alone(self)?;
+        Ok(Fitted { made, refused: tries + refused })
+    }
+
+    /// What nobody's codeword at this place of [`PROBES`] does to the host without a relief: the MRMS.
+    fn probed(&self, place: usize, strength: Strength) -> Result<f64, MarkError> {
+        let probe = self.probes.get(place).unwrap_or(&self.codeword);
+        self.blind(None, probe, strength).map(|made| made.placed.quality.mrms)
+    }
+
+    /// The blind layer of the key that is used, on its relief if there is one.
+    fn embedded(&self, strength: Strength) -> Result<Made, MarkError> {
+        self.blind(self.relief.as_ref().map(|relief| &relief.raised), &self.codeword, strength)
+    }
+
+    fn blind(
+        &self,
+        raised: Option<&Raised>,
+        codeword: &Codeword,
+        strength: Strength,
+    ) -> Result<Made, MarkError> {
         let params = EmbedParams { strength, ..self.request.params };
         let with_step = |step| {
             let round = |positions: &mut [DVec3]| {
@@ -184,27 +247,24 @@ impl<'a> Maker<'a> {
         let step = STEP * strength.get() * self.width;
         match with_step(step) {
             // Nothing is refused for the sake of decimals.
-            Err(error) if is_capacity(&error) && self.asset.is_coarse(step) => with_step(0.0),
+            Err(error) if is_about_the_mark(&error) && self.asset.is_coarse(step) => with_step(0.0),
             made => made,
         }
     }
 
-    /// The relief alone; where there is none, the reason why it was to be alone.
-    fn relief_alone(
-        &self,
-        amplitude: Amplitude,
-        reason: Option<MarkError>,
-    ) -> Result<Made, MarkError> {
-        let nothing = MarkError::ReliefTooSmall { log10: 0.0, needed: super::check::NEEDED };
-        let Some(relief) = &self.relief else { return Err(reason.unwrap_or(nothing)) };
-        let step = RELIEF_STEP * amplitude.get() * relief.field.diagonal();
+    /// The relief alone.
+    fn relief_alone(&self, amplitude: Amplitude) -> Result<Made, MarkError> {
+        let (Some(field), Some(relief)) = (&self.field, &self.relief) else {
+            return Err(MarkError::ReliefTooSmall { log10: 0.0, needed: super::check::NEEDED });
+        };
+        let step = RELIEF_STEP * amplitude.get() * field.diagonal();
         let round = |positions: &mut [DVec3]| {
             self.asset.with_step(step).round_until(positions, self.request.stop);
         };
         let lower = if amplitude == self.request.amplitude {
             None
         } else {
-            Some(self.base().raised(&relief.field, &relief.signs, amplitude)?)
+            Some(self.base().raised(field, &relief.signs, amplitude)?)
         };
         let placed = self.base().alone(lower.as_ref().unwrap_or(&relief.raised), &round)?;
         Ok(Made { placed, strength: self.request.params.strength, amplitude, step })
@@ -212,19 +272,14 @@ impl<'a> Maker<'a> {
 
     /// The same within a limit. An amplitude that is chosen by what its signs do has been tried like a
     /// strength.
-    fn relief_alone_within(
-        &self,
-        limit: MaxDistortion,
-        reason: Option<MarkError>,
-    ) -> Result<Fitted<Made>, MarkError> {
-        let mut reason = reason;
+    fn relief_alone_within(&self, limit: MaxDistortion) -> Result<Fitted<Made>, MarkError> {
         let mut least = f64::INFINITY;
         let mut share = self.request.amplitude.get();
-        for refused_strengths in 0..MOST_AMPLITUDES {
+        for refused in 0..MOST_AMPLITUDES {
             let Ok(amplitude) = Amplitude::new(share) else { break };
-            let made = self.relief_alone(amplitude, reason.take())?;
+            let made = self.relief_alone(amplitude)?;
             if made.placed.quality.mrms <= limit.get() {
-                return Ok(Fitted { made, refused_strengths });
+                return Ok(Fitted { made, refused });
             }
             least = least.min(made.placed.quality.mrms);
             share *= LOWER;

@@ -4,9 +4,10 @@
 //! codeword, and detection weighs with the strength (the matched filter, the likeness of lattices): a
 //! bound that takes codewords for independent of all weights would be too good. So the strength is
 //! fitted to the host alone (`fit`), with codewords that are nobody's ([`Codeword::probe`]): the worst of
-//! them may use a fixed share of the limit. (Where no strength is weak enough for them, but nearly, it is
-//! the one that the fit began with.) The own codeword is then tried with it, and where it
-//! distorts too much, with weaker ones: fixed shares of the first, one after the other. Each
+//! them may use a fixed share of the limit. Where no strength is weak enough for them, but nearly, it is
+//! the one that the fit began with. The own codeword is then tried with it, and where it
+//! distorts too much, with weaker ones: fixed shares of the first, one after the other. Where other keys
+//! may be used, they follow after few strengths. Each strength of each key
 //! that is refused is one more try of a series, like a codeword that was refused, and its number is
 //! charged to the record's bound (`service::verify::charge`): given its number, a strength follows from
 //! the host alone.
@@ -19,14 +20,31 @@ use super::MarkError;
 use super::fit::{LEAST, fitted, in_steps};
 use crate::watermark::{Strength, WatermarkError};
 
-/// Strengths that the own codeword is tried with, at most.
-pub const MOST_STRENGTHS: u32 = 5;
+/// Strengths that the last key is tried with, at most.
+const MOST_STRENGTHS: u32 = 5;
 
 /// What they are, as shares of the first: small steps for what is a little
 /// above the limit, and large ones. (Nine small steps down to 0.57 gave no more: where norms are crowded,
 /// distortion hardly falls with strength, half of the codewords on a gear were refused all nine, and one
 /// more in ten was accepted by the fourth.)
 const SHARES: [f64; 5] = [1.0, 0.93, 0.86, 0.7, 0.5];
+
+/// Strengths that a key is tried with which another may follow. Where norms are crowded, another codeword
+/// does more than a weaker mark: of ten keys on a gear, six are within 0.006 % at strength 0.02, five at
+/// 0.1; on a hammer nine and six.
+const FEW_STRENGTHS: u32 = 1;
+
+/// The shares of the first strength that a key is tried with; `last` where no other key follows.
+pub(super) fn shares(last: bool) -> impl Iterator<Item = f64> {
+    let most = if last { MOST_STRENGTHS } else { FEW_STRENGTHS };
+    SHARES.into_iter().zip(0..most).map(|(share, _)| share)
+}
+
+/// Tries that so many keys are charged for, at most.
+#[must_use]
+pub const fn most_tries(keys: u32) -> u32 {
+    FEW_STRENGTHS * keys.saturating_sub(1) + MOST_STRENGTHS
+}
 
 /// Where the probes distort more than so many times what they may, no codeword is tried. (Where norms
 /// are crowded, distortion hardly grows with strength but differs between codewords: on a hammer, two, one,
@@ -79,22 +97,6 @@ impl std::str::FromStr for MaxDistortion {
     }
 }
 
-/// Whose codeword is embedded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Whose {
-    /// Nobody's: the one at this place of [`PROBES`].
-    Probe(usize),
-    /// The record's own.
-    Own,
-}
-
-/// What was settled for, and how many strengths of the own codeword were refused before.
-#[derive(Debug, PartialEq)]
-pub(super) struct Fitted<T> {
-    pub(super) made: T,
-    pub(super) refused_strengths: u32,
-}
-
 /// How much marks may distort.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Room {
@@ -104,50 +106,49 @@ pub(super) struct Room {
     pub(super) left: f64,
 }
 
-impl Room {
-    /// All of a limit.
-    pub(super) fn whole(limit: MaxDistortion) -> Self {
-        Self { limit, left: limit.get() }
+/// The strength that an own codeword is tried with first, at most `strongest`; the fit begins at `start`.
+/// `attempt` answers with the MRMS of a probe, by its place.
+///
+/// # Errors
+/// [`MarkError::DistortionUnreachable`] where no codeword need be tried; what `attempt` says.
+pub(super) fn first_strength(
+    Room { limit, left }: Room,
+    start: Strength,
+    strongest: Strength,
+    mut attempt: impl FnMut(usize, Strength) -> Result<f64, MarkError>,
+) -> Result<f64, MarkError> {
+    let allowed = SHARE * left;
+    let mut order = std::array::from_fn(|place| place);
+    let worst = |strength| worst_probe(allowed, &mut order, |place| attempt(place, strength));
+    match fitted(allowed, start, strongest, worst) {
+        // The own codeword may do what the probes nearly do.
+        Err(MarkError::DistortionUnreachable { least, .. }) if least <= left => Ok(LEAST),
+        Err(MarkError::DistortionUnreachable { least, .. }) if least <= HOPELESS * left => {
+            Ok(start.get().min(strongest.get()))
+        }
+        Err(MarkError::DistortionUnreachable { least, .. }) => {
+            Err(MarkError::DistortionUnreachable { limit: limit.get(), least })
+        }
+        fitted => fitted,
     }
 }
 
-/// An embedding of the own codeword that stays within the limit, about as strong as the host allows, at
-/// most `strongest`, beginning at `start`. `attempt` answers with an embedding's MRMS and the
-/// embedding.
+/// An embedding of an own codeword that stays within the limit, with these shares of the first strength,
+/// one after the other. `attempt` answers with an embedding's MRMS and the embedding.
 ///
 /// # Errors
 /// [`MarkError::DistortionUnreachable`] when none does; what `attempt` says.
 pub(super) fn strongest_within<T>(
-    Room { limit, left }: Room,
-    start: Strength,
-    strongest: Strength,
-    mut attempt: impl FnMut(Whose, Strength) -> Result<(f64, T), MarkError>,
-) -> Result<Fitted<T>, MarkError> {
-    let allowed = SHARE * left;
-    let mut order = std::array::from_fn(|place| place);
-    let worst = |strength| {
-        worst_probe(allowed, &mut order, |place| {
-            attempt(Whose::Probe(place), strength).map(|(mrms, _)| mrms)
-        })
-    };
-    let wanted = match fitted(allowed, start, strongest, worst) {
-        // The own codeword may do what the probes nearly do.
-        Err(MarkError::DistortionUnreachable { least, .. }) if least <= left => LEAST,
-        Err(MarkError::DistortionUnreachable { least, .. }) if least <= HOPELESS * left => {
-            start.get().min(strongest.get())
-        }
-        Err(MarkError::DistortionUnreachable { least, .. }) => {
-            return Err(MarkError::DistortionUnreachable { limit: limit.get(), least });
-        }
-        fitted => fitted?,
-    };
+    limit: MaxDistortion,
+    first: f64,
+    shares: impl Iterator<Item = f64>,
+    mut attempt: impl FnMut(Strength) -> Result<(f64, T), MarkError>,
+) -> Result<T, MarkError> {
     let (mut refusal, mut least) = (None, f64::INFINITY);
-    for (refused_strengths, share) in (0..).zip(SHARES) {
-        let alpha = if refused_strengths == 0 { wanted } else { in_steps(share * wanted) };
-        match attempt(Whose::Own, Strength::new(alpha)?) {
-            Ok((mrms, made)) if mrms <= limit.get() => {
-                return Ok(Fitted { made, refused_strengths });
-            }
+    for share in shares {
+        let alpha = if share < 1.0 { in_steps(share * first) } else { first };
+        match attempt(Strength::new(alpha)?) {
+            Ok((mrms, made)) if mrms <= limit.get() => return Ok(made),
             Ok((mrms, _)) => least = least.min(mrms),
             Err(error @ MarkError::Watermark(WatermarkError::InsufficientCapacity { .. })) => {
                 refusal.get_or_insert(error);
@@ -203,42 +204,51 @@ mod tests {
     #[test]
     fn there_are_as_many_strengths_as_are_charged() {
         assert_eq!(u32::try_from(SHARES.len()), Ok(MOST_STRENGTHS));
+        for keys in 1..9 {
+            let tried = (1..=keys).map(|key| shares(key == keys).count()).sum::<usize>();
+            assert_eq!(u32::try_from(tried), Ok(most_tries(keys)), "{keys}");
+        }
+    }
+
+    /// The first strength by what probes do, then the strength that an own codeword settles for and how
+    /// many were refused before.
+    fn settled(
+        start: f64,
+        probe: &dyn Fn(usize, f64) -> Result<f64, MarkError>,
+        own: &dyn Fn(f64) -> Result<f64, MarkError>,
+    ) -> Result<(f64, usize), MarkError> {
+        let limit = MaxDistortion::new(1e-4).unwrap();
+        let start = Strength::new(start).unwrap();
+        let first = first_strength(
+            Room { limit, left: limit.get() },
+            start,
+            Strength::MAX,
+            |place, strength| probe(place, strength.get()),
+        )?;
+        let mut tries = 0;
+        let found = strongest_within(limit, first, shares(true), |strength| {
+            tries += 1;
+            own(strength.get()).map(|mrms| (mrms, strength.get()))
+        });
+        found.map(|alpha| (alpha, tries - 1))
     }
 
     /// What one codeword does must not show in the strength, but by the number of tries.
     #[test]
     fn the_strength_follows_from_the_host_and_the_number_of_tries() {
-        let strength = |alpha| Strength::new(alpha).unwrap();
-        let limit = MaxDistortion::new(1e-4).unwrap();
         let mut by_tries = std::collections::BTreeMap::new();
+        let found =
+            |own: f64| settled(0.1, &|_, alpha| Ok(alpha * 1e-3), &|alpha| Ok(own * alpha * 1e-3));
         for own in [0.7, 0.9, 1.0, 1.2, 1.25, 1.26, 1.3, 1.36, 1.4, 1.5, 1.6, 1.8, 2.0] {
-            let found = strongest_within(
-                Room::whole(limit),
-                strength(0.1),
-                Strength::MAX,
-                |whose, strength| {
-                    let alpha = strength.get();
-                    let of = if whose == Whose::Own { own } else { 1.0 };
-                    Ok((of * alpha * 1e-3, alpha))
-                },
-            );
-            let Fitted { made: alpha, refused_strengths } = found.unwrap();
-            assert!(own * alpha * 1e-3 <= limit.get(), "{own}: the limit is passed");
-            let known = *by_tries.entry(refused_strengths).or_insert(alpha);
+            let (alpha, refused) = found(own).unwrap();
+            assert!(own * alpha * 1e-3 <= 1e-4, "{own}: the limit is passed");
+            let known = *by_tries.entry(refused).or_insert(alpha);
             assert!((known - alpha).abs() < 1e-12, "{own}: {known} {alpha}");
-            assert!((refused_strengths == 0) == (own <= 1.25), "{own}: {refused_strengths}");
+            assert!((refused == 0) == (own <= 1.25), "{own}: {refused}");
         }
         assert!(by_tries.len() > 3);
-        let found = strongest_within(
-            Room::whole(limit),
-            strength(0.1),
-            Strength::MAX,
-            |whose, strength| {
-                let of = if whose == Whose::Own { 9.0 } else { 1.0 };
-                Ok((of * strength.get() * 1e-3, ()))
-            },
-        );
-        assert!(matches!(found, Err(MarkError::DistortionUnreachable { .. })), "{found:?}");
+        let none = found(9.0);
+        assert!(matches!(none, Err(MarkError::DistortionUnreachable { .. })), "{none:?}");
     }
 
     fn full() -> MarkError {
@@ -258,41 +268,30 @@ mod tests {
 
     #[test]
     fn the_worst_probe_leaves_room_for_other_codewords() {
-        let limit = MaxDistortion::new(1e-4).unwrap();
-        let start = Strength::new(0.1).unwrap();
         for worst in 0..PROBES.len() {
-            let mut embeddings = 0;
-            let found =
-                strongest_within(Room::whole(limit), start, Strength::MAX, |whose, strength| {
-                    embeddings += 1;
-                    let of = match whose {
-                        Whose::Probe(place) if place == worst => 1.5,
-                        Whose::Probe(_) => 1.0,
-                        Whose::Own => 1.8,
-                    };
-                    Ok((of * strength.get() * 1e-3, strength.get()))
-                });
-            let Fitted { made: alpha, refused_strengths: 0 } = found.unwrap() else {
-                panic!("a fifth more than the worst probe is within the limit")
+            let embeddings = std::cell::Cell::new(0);
+            let probe = |place, alpha: f64| {
+                embeddings.set(embeddings.get() + 1);
+                Ok(if place == worst { 1.5 } else { 1.0 } * alpha * 1e-3)
             };
-            assert!(1.5 * alpha * 1e-3 > 0.9 * SHARE * limit.get(), "{alpha} is weak");
-            assert!(embeddings <= 6, "{embeddings}");
+            let (alpha, refused) = settled(0.1, &probe, &|alpha| Ok(1.8 * alpha * 1e-3)).unwrap();
+            assert_eq!(refused, 0, "a fifth more than the worst probe is within the limit");
+            assert!(1.5 * alpha * 1e-3 > 0.9 * SHARE * 1e-4, "{alpha} is weak");
+            assert!(embeddings.get() <= 5, "{}", embeddings.get());
         }
     }
 
     #[test]
     fn one_probe_that_is_refused_says_nothing() {
-        let limit = MaxDistortion::new(1e-4).unwrap();
-        let start = Strength::new(0.1).unwrap();
-        let found = |refused: &dyn Fn(Whose) -> bool| {
-            strongest_within(Room::whole(limit), start, Strength::MAX, |whose, strength| {
-                if refused(whose) { Err(full()) } else { Ok((strength.get() * 1e-3, ())) }
-            })
+        let found = |refused: &dyn Fn(usize) -> bool| {
+            let probe =
+                |place, alpha: f64| if refused(place) { Err(full()) } else { Ok(alpha * 1e-3) };
+            settled(0.1, &probe, &|alpha| Ok(alpha * 1e-3))
         };
-        for place in 0..PROBES.len() {
-            assert!(found(&|whose| whose == Whose::Probe(place)).is_ok());
+        for refused in 0..PROBES.len() {
+            assert!(found(&|place| place == refused).is_ok());
         }
-        let refused = found(&|whose| matches!(whose, Whose::Probe(_)));
+        let refused = found(&|_| true);
         assert!(matches!(refused, Err(MarkError::Watermark(_))), "{refused:?}");
     }
 
@@ -300,24 +299,18 @@ mod tests {
     /// it, but nearly.
     #[test]
     fn where_probes_do_not_fit_the_own_codeword_decides() {
-        let limit = MaxDistortion::new(1e-4).unwrap();
-        let start = Strength::new(0.1).unwrap();
         let found = |probes: f64, own: f64| {
-            strongest_within(Room::whole(limit), start, Strength::MAX, |whose, strength| {
-                let of = if whose == Whose::Own { own } else { probes };
-                Ok((of + strength.get() * 1e-6, strength.get()))
-            })
+            settled(0.1, &|_, alpha| Ok(probes + alpha * 1e-6), &|alpha| Ok(own + alpha * 1e-6))
         };
-        let Fitted { made, refused_strengths } = found(9e-5, 8e-5).unwrap();
-        assert!((made - LEAST).abs() < 1e-12 && refused_strengths == 0);
-        let Fitted { made, refused_strengths } = found(2.9e-4, 8e-5).unwrap();
-        assert!((made - start.get()).abs() < 1e-12 && refused_strengths == 0);
+        let (alpha, refused) = found(9e-5, 8e-5).unwrap();
+        assert!((alpha - LEAST).abs() < 1e-12 && refused == 0);
+        let (alpha, refused) = found(2.9e-4, 8e-5).unwrap();
+        assert!((alpha - 0.1).abs() < 1e-12 && refused == 0);
         for (probes, own) in [(9e-5, 1.1e-4), (3.1e-4, 8e-5), (2e-4, 1.1e-4)] {
-            let Err(MarkError::DistortionUnreachable { limit: told, .. }) = found(probes, own)
-            else {
+            let Err(MarkError::DistortionUnreachable { limit, .. }) = found(probes, own) else {
                 panic!("{probes} {own}")
             };
-            assert!((told - limit.get()).abs() < 1e-15);
+            assert!((limit - 1e-4).abs() < 1e-15);
         }
     }
 

@@ -16,12 +16,17 @@ use super::{Content, OnExisting, Service, ServiceError, Spooled, Text, idempoten
 use crate::blobs::Kind;
 use crate::formats::Format;
 use crate::keys::random_bytes;
-use crate::marking::{Layers, MOST_STRENGTHS, MaxDistortion};
+use crate::marking::{Layers, MaxDistortion, most_tries};
 use crate::registry::{IdempotencyEntry, Record};
-use crate::watermark::{BitCount, Message, Method, Strength};
+use crate::watermark::{BitCount, MarkKey, Message, Method, Strength};
 
 /// The scheme that this release embeds.
 const SCHEME: u16 = 1;
+
+/// Salts that a mark is tried with, one after the other, where the blind layer is refused: of ten keys on
+/// a gear whose norms are crowded four are, on a hammer four, on most meshes none. Each costs an embedding,
+/// and what was refused is charged for.
+pub const SALTS: u32 = 4;
 
 /// What to embed, and into what.
 #[derive(Debug)]
@@ -112,12 +117,16 @@ impl Service {
         let id = Uuid::now_v7();
         let owner_id = request.owner_id.as_str().to_owned();
         let salt: [u8; 32] = random_bytes()?;
+        let other_salts: Vec<[u8; 32]> =
+            (1..SALTS).map(|_| random_bytes()).collect::<Result<_, _>>()?;
         let message = match &request.payload {
             Some(payload) => Message::from_bytes(payload, request.bits)?,
             None => random_message(request.bits)?,
         };
         let key_id = self.keys.current().to_owned();
-        let key = mark_key(&self.keys, &key_id, &salt, &owner_id)?;
+        let of_salt = |salt| mark_key(&self.keys, &key_id, salt, &owner_id);
+        let key = of_salt(&salt)?;
+        let others: Vec<MarkKey> = other_salts.iter().map(of_salt).collect::<Result<_, _>>()?;
         let host_sha256 = request.file.sha256;
         let file_name = request.file.name.take();
         let layers = layers_of(&request)?;
@@ -131,6 +140,7 @@ impl Service {
             file: request.file,
             formats: request.formats,
             key,
+            others,
             message,
             how: (method, bits, force),
             layers,
@@ -141,10 +151,10 @@ impl Service {
         };
         let done = self.mark(making).await;
         let refused = match (&done, force) {
-            (Ok(done), _) => done.refused_strengths,
+            (Ok(done), _) => done.refused,
             (Err(error), _) if !is_about_the_codeword(error) => 0,
-            (Err(_), Force::Exactly(..)) => 1,
-            (Err(_), Force::Within(..)) => MOST_STRENGTHS,
+            (Err(_), Force::Exactly(..)) => SALTS,
+            (Err(_), Force::Within(..)) => most_tries(SALTS),
         };
         // Whatever is registered next for this host and owner has been chosen among these. The host is
         // known by its geometry: a comment more makes another file.
@@ -154,6 +164,10 @@ impl Service {
             self.registry.refused(geometry, &owner_id, refused).await?;
         }
         let done = done?;
+        let salt = match done.key.checked_sub(1) {
+            None => salt,
+            Some(place) => other_salts.get(place).copied().unwrap_or(salt),
+        };
         let existing_marks = match &done.existing {
             Some(seen) => Some(self.owned(seen).await?),
             None => None,
@@ -247,6 +261,7 @@ impl Service {
             file: request.file,
             formats: request.formats,
             key,
+            others: Vec::new(),
             message,
             how: (
                 record.method,

@@ -39,8 +39,10 @@ pub(super) struct Done {
     pub(super) layers: Layers,
     pub(super) amplitude: Option<Amplitude>,
     pub(super) strength: Strength,
-    /// Others that its codeword was tried with.
-    pub(super) refused_strengths: u32,
+    /// Which of the keys marked it.
+    pub(super) key: usize,
+    /// Codewords and strengths that were tried before.
+    pub(super) refused: u32,
     pub(super) quality: Quality,
     /// Marks that the host carried; none where nobody looked.
     pub(super) existing: Option<Vec<Seen>>,
@@ -73,6 +75,8 @@ pub(super) struct Making {
     /// Formats that the caller takes back.
     pub(super) formats: Vec<Format>,
     pub(super) key: MarkKey,
+    /// Keys to go on with where the blind layer is refused.
+    pub(super) others: Vec<MarkKey>,
     pub(super) message: Message,
     pub(super) how: (Method, BitCount, Force),
     pub(super) layers: Layers,
@@ -87,8 +91,8 @@ pub(super) struct Making {
 impl Service {
     /// Reads the host, looks what it carries, marks it and measures the result.
     pub(super) async fn mark(self: &Arc<Self>, making: Making) -> Result<Done, ServiceError> {
-        let Making { file, formats, key, message, how, layers, keep_host, keep_file, .. } = making;
-        let Making { on_existing, geometry, .. } = making;
+        let Making { file, formats, key, others, message, how, layers, .. } = making;
+        let Making { keep_host, keep_file, on_existing, geometry, .. } = making;
         let (method, bits, force) = how;
         let limits = self.config.limits;
         let independent_check_max_bytes = self.config.independent_check_max_bytes;
@@ -136,6 +140,7 @@ impl Service {
             let stop = || allowed.stop().now();
             let request = MarkRequest {
                 key: &key,
+                others: &others,
                 message: &message,
                 params: EmbedParams { method, strength: start, bits, closed_loop: true },
                 layers,
@@ -153,7 +158,7 @@ impl Service {
                     mark_asset_within(asset, &host_bytes, &request, limit, strongest)?
                 }
             };
-            let Marked { bytes, format, host, host_frame, report } = marked;
+            let Marked { key, bytes, format, host, host_frame, report } = marked;
             drop(host_bytes);
             let kept = keep_host.then(|| kept(host_key, &host, allowed.stop())).transpose()?;
             let sha256 = marked::sha256_until(&bytes, &stop);
@@ -162,6 +167,7 @@ impl Service {
             let usable_bins = u32::try_from(report.usable_bins)
                 .map_err(|_| ServiceError::Internal("too many bins".to_owned()))?;
             Ok(Done {
+                key,
                 marked_sha256: sha256,
                 packed,
                 marked: bytes.into(),
@@ -174,7 +180,7 @@ impl Service {
                 layers: report.layers,
                 amplitude: report.amplitude,
                 strength: report.strength,
-                refused_strengths: report.refused_strengths,
+                refused: report.refused,
                 quality: quality_of(&report),
                 existing,
             })

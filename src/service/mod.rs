@@ -50,7 +50,7 @@ use crate::watermark::WatermarkError;
 pub use admission::Admission;
 pub use check::{Checked, Finding, check};
 pub use content::{Content, Parts};
-pub use embed::{EmbedRequest, Embedded};
+pub use embed::{EmbedRequest, Embedded, SALTS};
 pub use error::ServiceError;
 pub use existing::OnExisting;
 pub use inspect::Inspected;

@@ -4,8 +4,8 @@
 use std::collections::BTreeSet;
 
 use quadmark::config::{Config, Settings};
-use quadmark::marking::MOST_STRENGTHS;
-use quadmark::service::{Depth, Service, VerifyRequest};
+use quadmark::marking::most_tries;
+use quadmark::service::{Depth, SALTS, Service, VerifyRequest};
 use serde_json::Value;
 
 use crate::server::{Server, file_form, marked, obj, problem};
@@ -124,8 +124,8 @@ async fn marks_that_were_refused_are_charged_to_the_next_of_their_host_and_owner
     // A retry is answered with the same record and is no other try.
     assert_eq!(mark("acme", "k").await.0, id);
     let (_, next) = mark("acme", "l").await;
-    // Each strength that was refused is a try.
-    let all = 1 + MOST_STRENGTHS;
+    // Each salt and strength that was refused is a try.
+    let all = 1 + most_tries(SALTS);
     for (file, tries) in [(&file, all), (&next, 1), (&other, 1)] {
         let verdict = server.verify(file_form(file)).await;
         let how = &best(&verdict)["how"];

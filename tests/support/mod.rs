@@ -57,6 +57,7 @@ pub fn mark_named(name: &str, host: &[u8], method: Method) -> Result<Marked, Mar
     let params = EmbedParams { method, ..EmbedParams::default() };
     let request = MarkRequest {
         key: &key_named(name),
+        others: &[],
         message: &message_named(name, params.bits),
         params,
         limits: Limits::default(),
