@@ -62,7 +62,7 @@ fn main() {
     };
     let numbers: Vec<f64> = rest.iter().map(|word| word.parse().unwrap()).collect();
     let asset = Asset::read(&std::fs::read(input).unwrap(), &Limits::default()).unwrap();
-    let context = Context { host: asset.mesh(), params: &EmbedParams::default() };
+    let context = Context { host: asset.mesh(), params: &EmbedParams::default(), amplitude: None };
     let target = Target::new(asset.mesh());
     let start = Instant::now();
     let attacked = match name.parse::<Named>() {

@@ -66,7 +66,7 @@ fn look(host: &Mesh, params: &EmbedParams, keys: u64) {
         let codeword = Codeword::new(&key, &message);
         let made = mark(host, &codeword, params).expect("a mesh that can be marked");
         let marked = Mesh::new(made.positions, host.triangles().to_vec()).expect("a mesh");
-        let context = Context { host, params };
+        let context = Context { host, params, amplitude: None };
         for ((attack, times, _), sums) in ATTACKS.iter().zip(&mut sums) {
             let mut mesh = marked.clone();
             for _ in 0..*times {

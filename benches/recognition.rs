@@ -294,7 +294,7 @@ impl Table<'_> {
     fn trial(&self, case: &Case, at: usize, round: usize) -> Option<Vec<Outcome>> {
         let (host, mark) = (&self.hosts[at], &self.marks[at][round]);
         let params = EmbedParams { method: mark.record.method, ..EmbedParams::default() };
-        let context = Context { host: &host.mesh, params: &params };
+        let context = Context { host: &host.mesh, params: &params, amplitude: None };
         let place = (host.name.as_str(), round as u64);
         let what = format!("{} {round}, {}", host.name, case.name);
         let attacked = |mesh: &Mesh| case.apply(mesh, &context, place, self.options.seed).ok();
@@ -414,7 +414,7 @@ impl Table<'_> {
             if self.time_is_up() {
                 return None;
             }
-            let context = Context { host: &host.mesh, params: &params };
+            let context = Context { host: &host.mesh, params: &params, amplitude: None };
             let place = (host.name.as_str(), u64::MAX);
             let mesh = case.apply(&host.mesh, &context, place, self.options.seed).ok()?;
             let verification = self.verify(&Self::file(case, &host.bytes, &mesh));
@@ -452,7 +452,7 @@ impl Table<'_> {
             let other = marks::marked(&bytes, kind, &mut random).ok();
             marked += u32::from(other.is_some());
             let mesh = parsed(other.as_ref().unwrap_or(&bytes));
-            let context = Context { host: &mesh, params: &kind };
+            let context = Context { host: &mesh, params: &kind, amplitude: None };
             let attacked = (!cases.is_empty()).then(|| cases[plain as usize % cases.len()]);
             let attacked = attacked.and_then(|case| {
                 case.apply(&mesh, &context, ("stranger", u64::from(plain)), self.options.seed).ok()

@@ -139,7 +139,7 @@ fn one(name: &str, mesh: &Mesh, options: &Options) {
     println!("| attack | median | worst | others, deviations | time |\n|---|---|---|---|---|");
     let params = EmbedParams::default();
     let plain = Mesh::new(surface.positions.clone(), surface.triangles.clone()).unwrap();
-    let context = Context { host: &plain, params: &params };
+    let context = Context { host: &plain, params: &params, amplitude: None };
     for &(case, steps, copies) in &options.cases {
         let (mut bounds, mut times, mut others) = (Vec::new(), Vec::new(), 0.0_f64);
         for key in 1..=options.keys {

@@ -46,7 +46,19 @@ const MAY_SEE: &[(&str, &[&str])] = &[
         ],
     ),
     // Its attacks write files from meshes, as `sample` does.
-    ("lab", &["formats", "watermark", "mesh", "marking", "sample"]),
+    (
+        "lab",
+        &[
+            "formats",
+            "watermark",
+            "mesh",
+            "marking",
+            "sample",
+            "relief",
+            "recognition",
+            "registration",
+        ],
+    ),
 ];
 
 /// Per library, the only places of `src` that may name it.

@@ -32,6 +32,10 @@ pub(super) struct Arguments {
     /// one of this key. Exit code 1 when it is not sure.
     #[arg(long)]
     host: Option<PathBuf>,
+    /// How far the relief moves the surface, as the report of its embedding says: a share of the diagonal
+    /// [default: 0.00008].
+    #[arg(long, requires = "host", value_name = "SHARE", value_parser = super::parse_amplitude)]
+    amplitude: Option<Amplitude>,
     /// Print bits, margins, counts and the frame as JSON.
     #[arg(long)]
     json: bool,
@@ -83,7 +87,8 @@ fn relief(arguments: &Arguments, host: &Path) -> Outcome {
     let visitor = Visitor::new(&suspect, &surface);
     let budget = Budget::new(u64::MAX);
     let within = Within { budget: &budget, stop: &|| false };
-    let found = relief_of(&host, &visitor, &arguments.key, Amplitude::default(), within);
+    let amplitude = arguments.amplitude.unwrap_or_default();
+    let found = relief_of(&host, &visitor, &arguments.key, amplitude, within);
     let log10_fp = found.map_or(0.0, |found| found.log10_fp);
     let is_match = log10_fp < CERTAIN;
     if arguments.json {

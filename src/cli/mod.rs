@@ -21,7 +21,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use quadmark::formats::Limits;
-use quadmark::relief::Layers;
+use quadmark::relief::{Amplitude, Layers};
 use quadmark::watermark::{BitCount, MarkKey, Method, Modulation, Strength, WatermarkError};
 
 /// What a command ends with, or a text for the user.
@@ -130,6 +130,10 @@ fn parse_modulation(name: &str) -> Result<Modulation, WatermarkError> {
 fn parse_strength(text: &str) -> Result<Strength, String> {
     let alpha: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
     Strength::new(alpha).map_err(|error| error.to_string())
+}
+
+fn parse_amplitude(text: &str) -> Result<Amplitude, String> {
+    Amplitude::new(text.parse().map_err(|_| format!("{text:?} is not a number"))?)
 }
 
 fn parse_bits(text: &str) -> Result<BitCount, String> {

@@ -66,6 +66,9 @@ pub struct Row {
     pub log10_bound: Option<f64>,
     /// The same in the host's frame.
     pub log10_bound_in_place: Option<f64>,
+    /// The same of the relief, read against the host, all poses that were tried counted; empty where the
+    /// mark has none, or the surface is nowhere near the host. Not in rows of earlier versions.
+    pub log10_bound_relief: Option<f64>,
     /// MRMS of the attacked mesh from the host; measured in the first trial of the first mark.
     pub attacked_mrms: Option<f64>,
     /// Hausdorff distance of the attacked mesh from the host, likewise.

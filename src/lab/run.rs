@@ -11,6 +11,7 @@ use super::trial::Trial;
 use crate::formats::{Asset, FormatError, Limits};
 use crate::mesh::distortion::Measured;
 use crate::mesh::surface::Surface;
+use crate::recognition::Home;
 
 /// A host file.
 pub struct Subject {
@@ -23,6 +24,7 @@ pub struct Subject {
     /// Its welded surface.
     pub surface: Surface,
     measured: OnceLock<Option<Measured>>,
+    home: OnceLock<Home>,
 }
 
 impl Subject {
@@ -33,13 +35,18 @@ impl Subject {
     pub fn read(name: String, bytes: Vec<u8>, limits: &Limits) -> Result<Self, FormatError> {
         let asset = Asset::read(&bytes, limits)?;
         let surface = Surface::new(asset.mesh());
-        Ok(Self { name, bytes, asset, surface, measured: OnceLock::new() })
+        Ok(Self { name, bytes, asset, surface, measured: OnceLock::new(), home: OnceLock::new() })
     }
 
     /// Its surface as attacked meshes are measured against; prepared when first asked for, in
     /// parallel: other workers wait, each in a pool of its own.
     pub(super) fn measured(&self) -> Option<&Measured> {
         self.measured.get_or_init(|| measures::measured(&self.surface)).as_ref()
+    }
+
+    /// The host as suspects are read against it, likewise.
+    pub(super) fn home(&self) -> &Home {
+        self.home.get_or_init(|| Home::new(self.asset.mesh().clone()))
     }
 }
 

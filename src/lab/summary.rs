@@ -51,6 +51,10 @@ pub struct Group {
     pub log10_bound_in_place: f64,
     /// Share of trials that match blind or in the host's frame, two hypotheses counted.
     pub matches_in_place: f64,
+    /// Mean decimal logarithm of the bound of the relief; none where no mark has one.
+    pub log10_bound_relief: Option<f64>,
+    /// Share of trials that match blind, in the host's frame or by the relief, three hypotheses counted.
+    pub matches_with_host: f64,
     /// Vertices of the host.
     pub vertices: usize,
     /// Bounding-box diagonal of the host.
@@ -113,6 +117,10 @@ fn group(rows: &[&Row], threshold: f64) -> Option<Group> {
     let below = |bound: Option<f64>, threshold: f64| bound.is_some_and(|bound| bound < threshold);
     // Blind and in place: each bound is multiplied by two.
     let stricter = threshold - std::f64::consts::LOG10_2;
+    let strictest = threshold - 3.0_f64.log10();
+    let bounds = |row: &Row| [row.log10_bound, row.log10_bound_in_place, row.log10_bound_relief];
+    // A relief that is nowhere near says nothing: a bound of 1.
+    let has_relief = made.iter().any(|row| row.log10_bound_relief.is_some());
     Some(Group {
         experiment: first.experiment.clone(),
         mesh: first.mesh.clone(),
@@ -141,6 +149,9 @@ fn group(rows: &[&Row], threshold: f64) -> Option<Group> {
         matches_in_place: share(&|row| {
             below(row.log10_bound, stricter) || below(row.log10_bound_in_place, stricter)
         }),
+        log10_bound_relief: has_relief
+            .then(|| mean(&|row| Some(row.log10_bound_relief.unwrap_or(0.0)))),
+        matches_with_host: share(&|row| bounds(row).iter().any(|&bound| below(bound, strictest))),
         vertices: first.vertices,
         diagonal: first.diagonal,
         strength_used: mean(&|row| row.strength_used),

@@ -4,12 +4,14 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::attacks::Attack;
+use super::attacks::crop::Of;
 use super::grid::{Choices, Experiment, Grid, Setting};
 use super::report::{Report, galleries};
 use super::row::{Journal, Row, from_csv, merged, to_csv};
 use super::run::{Plan, Progress, Subject, Watch};
 use super::summary::{Group, groups};
 use crate::formats::Limits;
+use crate::marking::Layers;
 use crate::sample::{Sample, to_obj};
 use crate::watermark::{BitCount, Method, Strength};
 
@@ -25,6 +27,7 @@ fn setting(method: Method) -> Setting {
         bits: BitCount::new(16).unwrap(),
         closed_loop: true,
         budget: None,
+        layers: Layers::Blind,
     }
 }
 
@@ -309,4 +312,41 @@ fn the_report_stands_alone_and_shows_each_mesh() {
     let names: Vec<String> = report.figures().into_iter().map(|f| f.name).collect();
     assert!(names.contains(&"figure-5-blob".to_owned()), "{names:?}");
     assert!(report.markdown().contains("| blob | qsp-mean |"));
+}
+
+/// The blind reader finds nothing in a new tessellation; the relief does, and the report shows both.
+#[test]
+fn a_relief_is_read_against_the_host_beside_the_blind_reader() {
+    let subjects = [subject(Sample::Blob, 6000)];
+    let attacks = [0.1, 0.3, 0.5].map(|share| Attack::Crop(share, Of::Vertices));
+    let attacks = [&[Attack::None, Attack::Remesh(0.5)], attacks.as_slice()].concat();
+    let with_relief = Setting {
+        layers: Layers::Both,
+        strength: Strength::BESIDE_A_RELIEF,
+        budget: Some(1e-4),
+        ..setting(Method::ExactMean)
+    };
+    let both = Experiment { settings: vec![with_relief], ..experiment(&[], &attacks) };
+    let blind = experiment(&[Method::ExactMean], &attacks[..2]);
+    let rows = rows_of(&plan_of(&subjects, &[both], 2, 1));
+    assert!(rows.iter().all(|row| row.error.is_none() && row.mark_mrms.unwrap() <= 1e-4));
+    let summary = groups(&rows, -9.0);
+    for attack in &attacks[1..] {
+        let group = find(&summary, attack);
+        assert!(group.matches.abs() < 1e-12, "{attack}: {}", group.log10_bound);
+        assert!((group.matches_with_host - 1.0).abs() < 1e-12, "{attack}");
+        assert!(group.log10_bound_relief.unwrap() < -15.0, "{attack}");
+    }
+    let figures = super::report::figures::figures(Grid::Quick, &summary);
+    let names = |name: &str| -> Vec<String> {
+        let figure = figures.iter().find(|figure| figure.name == name).unwrap();
+        figure.plot.series.iter().map(|series| series.name.clone()).collect()
+    };
+    assert_eq!(
+        names("test-cropping-blob-matches"),
+        ["exact-mean, with the host", "exact-mean, blind"]
+    );
+    assert_eq!(names("test-cropping-blob"), ["exact-mean"]);
+    let rows = rows_of(&plan_of(&subjects, &[blind], 1, 1));
+    assert!(rows.iter().all(|row| row.log10_bound_relief.is_none()));
 }

@@ -11,10 +11,12 @@ use super::row::Row;
 use super::run::Subject;
 use crate::formats::{Asset, Limits};
 use crate::marking::{
-    Amplitude, Layers, MarkError, MarkReport, MarkRequest, MaxDistortion, mark, mark_within,
+    Amplitude, MarkError, MarkReport, MarkRequest, MaxDistortion, mark, mark_within,
 };
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
+use crate::recognition::{Visitor, relief_of};
+use crate::registration::{Budget, Within};
 use crate::watermark::{Codeword, EmbedParams, Frame, MarkKey, Message, WatermarkError};
 
 /// What is tried.
@@ -50,6 +52,8 @@ pub struct MarkedMesh {
     pub mesh: Mesh,
     /// What a detector looks for.
     pub codeword: Codeword,
+    /// What its relief is drawn from.
+    pub key: MarkKey,
     /// The host's frame.
     pub frame: Frame,
     /// What the embedding reached.
@@ -151,12 +155,12 @@ impl Trial<'_> {
         let independent_check_max_bytes = 0;
         let request = MarkRequest {
             key: &key,
+            others: &[],
             message: &message,
             params,
             limits,
             stop,
-            others: &[],
-            layers: Layers::Blind,
+            layers: self.setting.layers,
             amplitude: Amplitude::default(),
             independent_check_max_bytes,
         };
@@ -168,6 +172,7 @@ impl Trial<'_> {
         Ok(MarkedMesh {
             mesh: Asset::read(&marked.bytes, &limits)?.into_mesh(),
             codeword: Codeword::new(&key, &message),
+            key,
             frame: marked.host_frame,
             report: marked.report,
         })
@@ -186,7 +191,8 @@ impl Trial<'_> {
         place: u64,
     ) -> Result<Mesh, String> {
         let params = EmbedParams { strength: report.strength, ..self.params() };
-        let context = Context { host: self.subject.asset.mesh(), params: &params };
+        let (host, amplitude) = (self.subject.asset.mesh(), report.amplitude);
+        let context = Context { host, params: &params, amplitude };
         let seed = self.random(1 + place).word();
         attack.apply(target, &context, seed).map_err(|error| error.to_string())
     }
@@ -206,10 +212,22 @@ impl Trial<'_> {
         let modulation = self.setting.method.modulation();
         let measured = self.damage && attack != Attack::Similarity;
         let damage = measured.then(|| damage(self.subject.measured()?, &attacked)).flatten();
-        match detect(&attacked, &marked.codeword, modulation, &marked.frame) {
+        let row = match detect(&attacked, &marked.codeword, modulation, &marked.frame) {
             Ok(found) => filled(row, &found, damage),
-            Err(error) => Row { error: Some(error.to_string()), ..row },
-        }
+            Err(error) => return Row { error: Some(error.to_string()), ..row },
+        };
+        Row { log10_bound_relief: self.relief_of(marked, &attacked), ..row }
+    }
+
+    /// What the relief says of an attacked mesh, read against the host as a verification reads it.
+    fn relief_of(&self, marked: &MarkedMesh, attacked: &Mesh) -> Option<f64> {
+        let amplitude = marked.report.amplitude?;
+        let surface = Surface::new(attacked);
+        let visitor = Visitor::new(attacked, &surface);
+        let budget = Budget::new(u64::MAX);
+        let within = Within { budget: &budget, stop: &|| false };
+        let found = relief_of(self.subject.home(), &visitor, &marked.key, amplitude, within);
+        found.map(|found| found.log10_fp)
     }
 
     /// How visible the mark is; of the first trial, since it takes long and hardly differs.
@@ -265,6 +283,7 @@ impl Trial<'_> {
             detection_ratio: None,
             log10_bound: None,
             log10_bound_in_place: None,
+            log10_bound_relief: None,
             attacked_mrms: None,
             attacked_hausdorff: None,
             error: None,

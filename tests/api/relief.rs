@@ -20,7 +20,7 @@ fn mesh(file: &[u8]) -> Mesh {
 fn attacked(file: &[u8], steps: &[Attack]) -> Mesh {
     let start = mesh(file);
     let params = EmbedParams::default();
-    let context = Context { host: &start, params: &params };
+    let context = Context { host: &start, params: &params, amplitude: None };
     let step = |(now, seed): (Mesh, u64), attack: &Attack| {
         (attack.apply(&Target::new(&now), &context, seed).unwrap(), seed + 1)
     };

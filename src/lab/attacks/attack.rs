@@ -3,6 +3,8 @@
 
 use std::fmt;
 
+use glam::DVec3;
+
 use super::crop::{Of, crop};
 use super::remesh::{Remeshing, remesh};
 use super::scan::{Scanning, scan};
@@ -12,7 +14,9 @@ use super::{
 };
 use crate::lab::random::Random;
 use crate::mesh::Mesh;
-use crate::watermark::{Codeword, EmbedParams};
+use crate::mesh::surface::Surface;
+use crate::relief::{Amplitude, Field, Signs};
+use crate::watermark::{Codeword, EmbedParams, MarkKey};
 
 /// What an attack may need beside the marked mesh.
 #[derive(Clone, Copy)]
@@ -21,6 +25,8 @@ pub struct Context<'a> {
     pub host: &'a Mesh,
     /// How the mesh was marked: other marks are made alike.
     pub params: &'a EmbedParams,
+    /// How far its relief moves the surface, where it has one.
+    pub amplitude: Option<Amplitude>,
 }
 
 /// An attack and how strong it is.
@@ -210,12 +216,24 @@ fn averaged(
     let mut others = Vec::new();
     for _ in 1..copies {
         let (key, message) = re_mark::key_and_message(context.params, &mut random)?;
-        let embedding =
-            re_mark::mark(context.host, &Codeword::new(&key, &message), context.params)?;
-        others.push(Mesh::new(embedding.positions, context.host.triangles().to_vec())?);
+        let raised = context.amplitude.and_then(|amplitude| raised(context.host, &key, amplitude));
+        let host = raised.as_ref().unwrap_or(context.host);
+        let embedding = re_mark::mark(host, &Codeword::new(&key, &message), context.params)?;
+        others.push(Mesh::new(embedding.positions, host.triangles().to_vec())?);
     }
     let all: Vec<&Mesh> = std::iter::once(marked).chain(&others).collect();
     collude::average(&all)
+}
+
+/// A host with the relief of a key; `None` where it has room for none.
+fn raised(host: &Mesh, key: &MarkKey, amplitude: Amplitude) -> Option<Mesh> {
+    let surface = Surface::new(host);
+    let field = Field::new(&surface)?;
+    let signs = Signs::new(key, field.signs());
+    let carriers = field.marked(&surface, &signs, amplitude.get(), &[]);
+    let at = |&carrier: &u32| carriers.get(usize::try_from(carrier).ok()?).copied();
+    let positions: Option<Vec<DVec3>> = surface.carrier_of.iter().map(at).collect();
+    Mesh::new(positions?, host.triangles().to_vec()).ok()
 }
 
 impl fmt::Display for Attack {

@@ -77,7 +77,7 @@ fn the_same_seed_gives_the_same_mesh_on_any_number_of_threads() {
     let host = Sample::Blob.mesh(6000).unwrap();
     let bits = crate::watermark::BitCount::new(16).unwrap();
     let params = EmbedParams { bits, ..EmbedParams::default() };
-    let context = Context { host: &host, params: &params };
+    let context = Context { host: &host, params: &params, amplitude: None };
     for attack in ALL {
         let attacked = || attack.apply(&Target::new(&host), &context, 5).unwrap();
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
@@ -121,7 +121,7 @@ fn seams_do_not_crack() {
     let triangles = (0..index(soup.len() / 3)).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
     let soup = Mesh::new(soup, triangles).unwrap();
     let params = EmbedParams::default();
-    let context = Context { host: &soup, params: &params };
+    let context = Context { host: &soup, params: &params, amplitude: None };
     for attack in ALL {
         if matches!(
             attack,
@@ -274,7 +274,7 @@ fn pipelines_are_three_attacks_of_different_families() {
     assert!(names.len() > 90, "{}", names.len());
     let host = blob();
     let params = EmbedParams::default();
-    let context = Context { host: &host, params: &params };
+    let context = Context { host: &host, params: &params, amplitude: None };
     let steps = [Attack::Simplify(0.5), Attack::Crop(0.3, Of::Vertices)];
     let once = pipeline::in_a_row(&steps, &Target::new(&host), &context, 3).unwrap();
     let mut random = crate::lab::random::Random::new(3);
@@ -493,7 +493,7 @@ fn what_changes_no_distance_ratio_changes_no_bit() {
     let codeword = crate::watermark::Codeword::new(&key, &message);
     let marked = re_mark::mark(&host, &codeword, &params).unwrap();
     let marked = Mesh::new(marked.positions, host.triangles().to_vec()).unwrap();
-    let context = Context { host: &host, params: &params };
+    let context = Context { host: &host, params: &params, amplitude: None };
     let harmless =
         [Attack::Similarity, Attack::Reorder, Attack::StrayVertices(50), Attack::RoundTrip];
     for attack in harmless {

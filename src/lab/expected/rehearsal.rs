@@ -62,7 +62,7 @@ pub fn rehearse(
         .ok()
         .and_then(|made| Mesh::new(made.positions, host.triangles().to_vec()).ok());
     let Some(marked) = marked else { return Vec::new() };
-    let context = Context { host, params: &params };
+    let context = Context { host, params: &params, amplitude: None };
     let after = |(place, &attack): (u64, &Attack)| {
         if stop() || !is_rehearsed(attack, host.triangles().len()) {
             return None;

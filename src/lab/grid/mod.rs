@@ -8,6 +8,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::attacks::Attack;
+use crate::marking::Layers;
 use crate::watermark::{BitCount, Method, Strength};
 
 pub use liris::{GEOMETRIC_BUDGET, PERCEPTUAL_BUDGET};
@@ -26,6 +27,8 @@ pub struct Setting {
     pub closed_loop: bool,
     /// Largest MRMS as a share of the diagonal: the mark is as strong as that allows.
     pub budget: Option<f64>,
+    /// Which layers it has. One with a relief is read against the host, too.
+    pub layers: Layers,
 }
 
 /// Marks that meet the same attacks.
@@ -130,7 +133,9 @@ fn settings(choices: &Choices, closed_loop: bool, budget: Option<f64>) -> Vec<Se
     let mut all = Vec::new();
     for &bits in &choices.bits {
         for &strength in &choices.strengths {
-            let of = |&method: &Method| Setting { method, strength, bits, closed_loop, budget };
+            let layers = Layers::Blind;
+            let of =
+                |&method: &Method| Setting { method, strength, bits, closed_loop, budget, layers };
             all.extend(choices.methods.iter().map(of));
         }
     }

@@ -84,6 +84,7 @@ fn amount(family: &str) -> (&'static str, bool) {
         "cropping" => ("vertices cut away, %", false),
         "area-cropping" => ("area cut away, %", false),
         "collusion" => ("copies averaged", false),
+        "fragment" => ("triangles kept, %", true),
         _ => ("amount", false),
     }
 }
@@ -129,10 +130,11 @@ fn robustness(grid: Grid, mesh: &str, groups: &[&Group], by_method: bool) -> Vec
             name: file_name(&base),
             plot: plot(title.clone(), ratio, |g| g.detection_ratio),
         });
-        all.push(Figure {
-            name: file_name(&format!("{base}-matches")),
-            plot: plot(format!("{title}, matches"), matches, |g| g.matches),
-        });
+        let mut matches = plot(format!("{title}, matches"), matches, |g| g.matches);
+        if own.iter().any(|g| g.log10_bound_relief.is_some()) {
+            matches.series = beside_the_host(matches.series, &own);
+        }
+        all.push(Figure { name: file_name(&format!("{base}-matches")), plot: matches });
     }
     all
 }
@@ -187,6 +189,18 @@ fn series(groups: &[&Group], point: impl Fn(&Group) -> Option<(f64, f64)>) -> Ve
         Series { name: name.clone(), colour, dashed: method.ends_with("var"), points }
     };
     marks.iter().enumerate().map(curve).collect()
+}
+
+/// The curves of a blind reader, dashed, and those of a reader that has the host.
+fn beside_the_host(blind: Vec<Series>, groups: &[&Group]) -> Vec<Series> {
+    let with_host = series(groups, |g| Some((g.amount?, g.matches_with_host)));
+    let named = |mut curve: Series, reader: &str, dashed| {
+        curve.name = format!("{}, {reader}", curve.name);
+        curve.dashed = dashed;
+        curve
+    };
+    let with_host = with_host.into_iter().map(|curve| named(curve, "with the host", false));
+    with_host.chain(blind.into_iter().map(|curve| named(curve, "blind", true))).collect()
 }
 
 /// A method has its colour in all figures.

@@ -4,7 +4,7 @@
 //! Must not decide what is run nor write files.
 
 mod claims;
-mod figures;
+pub(super) mod figures;
 mod paper;
 mod picture;
 mod plot;

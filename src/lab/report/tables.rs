@@ -269,7 +269,14 @@ fn survival(experiment: &str, mesh: &str, groups: &[&Group]) -> Table {
             100.0 * g.matches,
             100.0 * g.matches_in_place
         );
-        Cell::rated(text, g.matches)
+        match g.log10_bound_relief {
+            None => Cell::rated(text, g.matches),
+            Some(bound) => {
+                let share = g.matches_with_host;
+                let text = format!("{text} \u{b7} {bound:.1} \u{b7} {:.0} %", 100.0 * share);
+                Cell::rated(text, share)
+            }
+        }
     };
     // Measured on one of the marks.
     let damage = |own: &[&Group]| {
@@ -281,8 +288,10 @@ fn survival(experiment: &str, mesh: &str, groups: &[&Group]) -> Table {
         title: format!("What the marks survive: {mesh} ({experiment})"),
         note:
             "Per mark: mean share of bits right, mean log10 of the false-positive bound, share of \
-               trials that match, all three read blindly; last, share that match when the host's \
-               own frame is tried too, as for a record that the request names."
+               trials that match, all three read blindly; share that match when the host's \
+               own frame is tried too, as for a record that the request names. Where the mark has a \
+               relief: mean log10 of the bound of the relief, read against the host, and share that \
+               match blind, in the host's frame or by the relief."
                 .into(),
         head,
         rows,

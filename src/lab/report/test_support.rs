@@ -26,6 +26,8 @@ pub fn group() -> Group {
         matches: 1.0,
         log10_bound_in_place: -19.3,
         matches_in_place: 1.0,
+        log10_bound_relief: None,
+        matches_with_host: 1.0,
         vertices: 35_947,
         diagonal: 1.0,
         strength_used: 0.1,
