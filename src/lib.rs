@@ -53,6 +53,7 @@
 //!   and detection. Pure, deterministic to the bit on any number of threads.
 //! - [`relief`]: the layer of a mark that lies in the surface, read against the host. Pure.
 //! - [`registration`]: a suspect into its host's coordinates, and which hosts to try. Pure.
+//! - [`recognition`]: a suspect looked at as if it were (a part of) one host. Pure.
 //! - [`formats`]: bytes to carrier mesh, new positions to patched bytes.
 //! - [`marking`]: the two together, bytes to checked bytes.
 //! - [`sample`]: meshes made from nothing, for documentation and tests.

@@ -1,7 +1,7 @@
 //! Bytes to checked bytes: what the service, the command line, the lab and the benchmarks all do
 //! with a file. Heavy but pure; it must not know about registries, keys' origin or HTTP.
 //!
-//! Nothing leaves here that was not read back first (design invariant 2): the written bytes are
+//! Nothing leaves here that was not read back first (invariant I2): the written bytes are
 //! parsed again from nothing, extracted blindly and compared, and independent readers must find
 //! the same topology as in the host.
 

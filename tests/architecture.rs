@@ -20,9 +20,8 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("marking", &["formats", "relief", "watermark", "mesh"]),
     ("config", &["formats"]),
     ("durable", &[]),
-    ("keys", &["config", "durable", "watermark"]),
+    ("keys", &["durable"]),
     ("registry", &["durable", "relief", "watermark", "formats"]),
-    // Its sweep asks the registry which records exist.
     ("blobs", &["durable", "mesh"]),
     ("jobs", &[]),
     (
@@ -145,7 +144,7 @@ const NOT_THE_SAME_EVERYWHERE: &[&str] = &[
 ];
 /// Where a mark or a reading would differ with them.
 const THE_SAME_EVERYWHERE: &[&str] =
-    &["mesh", "watermark", "registration", "recognition", "formats", "marking", "sample"];
+    &["mesh", "watermark", "relief", "registration", "recognition", "formats", "marking", "sample"];
 
 /// Whether `code` calls a method or an associated function of this name.
 fn calls(code: &str, name: &str) -> bool {

@@ -1,6 +1,6 @@
 //! Files: bytes to carrier mesh, new positions to patched bytes.
 //!
-//! The promise (design invariant 1): a written file equals its host byte for byte outside the
+//! The promise (invariant I1): a written file equals its host byte for byte outside the
 //! coordinates that moved. No format is ever re-serialised; [`Asset::write`] copies the host's
 //! bytes and replaces coordinates in place.
 //!

@@ -34,7 +34,7 @@ pub(super) struct EmbedForm {
     #[schema(value_type = Option<LayersName>)]
     layers: Option<String>,
     /// Of the blind layer: 0.01 to 0.25. By default 0.15 where it is the only layer; beside a relief at
-    /// most 0.08, and so much that both together distort by at most 0.01 % of the diagonal.
+    /// most 0.1, and so much that both together distort by at most 0.01 % of the diagonal.
     #[schema(minimum = 0.01, maximum = 0.25)]
     strength: Option<f64>,
     /// The most that the mark may distort the mesh: its `mrms`, a share of the diagonal, 0.000001

