@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Strength 0.1, 64 bits. Per attack: how many of the runs (other keys and messages) match (a bound
-//! below 1e-9, counted as the service counts) in the blind frame, after the small lattice search
+//! below 1e-9, counted as the service counts) in the blind frame, after the small layout search
 //! (`near`), the full one and the wide one (with `--wide`); the worst
 //! bound of the full search and the longest time of each search. Without files: a generated mesh.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
@@ -124,9 +124,9 @@ fn main() {
     }
     let limits = Limits::default();
     let efforts = [
-        ("near", NEAR_SHARE, Effort { radius: 0.002, candidates: 3, centres: 2, lattices: 3 }),
-        ("full", FULL_SHARE, Effort { radius: 0.018, candidates: 4, centres: 2, lattices: 4 }),
-        ("wide", WIDE_SHARE, Effort { radius: 0.04, candidates: 8, centres: 6, lattices: 8 }),
+        ("near", NEAR_SHARE, Effort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 }),
+        ("full", FULL_SHARE, Effort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 }),
+        ("wide", WIDE_SHARE, Effort { radius: 0.04, candidates: 8, centres: 6, layouts: 8 }),
     ];
     let efforts = &efforts[..if options.wide { 3 } else { 2 }];
     for (name, host) in hosts {
@@ -176,7 +176,7 @@ fn main() {
                         let search = index.search(&|key| found.of_class(key.class), worth);
                         tally.add(&search, *share, start);
                         if let Some(own) = search.candidates.iter().find(|c| c.id == 0) {
-                            let all = found.of_class(codeword.lattice_class());
+                            let all = found.of_class(codeword.layout_class());
                             let rank = all.iter().position(|h| h.frame == own.hypothesis.frame);
                             tally.rank = tally.rank.max(rank.unwrap_or(99));
                         }

@@ -107,7 +107,7 @@ async fn collude(bench: &Bench, copies: &[(&Mark, Mesh)], row: &mut Row) {
         row.colluders += 1;
         row.bounds.push(bound_of(record.id));
         guilty += usize::from(bound_of(record.id) < MATCH);
-        let (class, bits) = (codeword.lattice_class(), codeword.bit_count());
+        let (class, bits) = (codeword.layout_class(), codeword.bit_count());
         let soft = suspect.read(class, bits, record.method.modulation());
         let blind = soft.log10_bound(soft.score(codeword).t) + counted(bench.service.marks());
         row.blind += usize::from(blind < MATCH);

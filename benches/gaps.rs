@@ -39,7 +39,7 @@ fn main() {
                 let strength = Strength::new(0.1).expect("the paper's strength");
                 let params =
                     EmbedParams { method, strength, closed_loop, ..EmbedParams::default() };
-                look(&host, &params, keys);
+                pose(&host, &params, keys);
             }
         }
     }
@@ -58,7 +58,7 @@ const ATTACKS: [(Attack, usize, &str); 9] = [
     (Attack::Simplify(0.9), 1, "simplified by 90 %"),
 ];
 
-fn look(host: &Mesh, params: &EmbedParams, keys: u64) {
+fn pose(host: &Mesh, params: &EmbedParams, keys: u64) {
     let frame = Suspect::new(host).expect("a surface").frame();
     let mut sums = [[0.0; 6]; ATTACKS.len()];
     for seed in 1..=keys {
@@ -98,7 +98,7 @@ fn seen(mesh: &Mesh, codeword: &Codeword, params: &EmbedParams, host: Frame) -> 
     let about_host = Frame::spanning(host.centre, &norms);
     let ratio = |frame: &Frame| {
         let modulation = params.method.modulation();
-        let read = suspect.read_in(frame, codeword.lattice_class(), params.bits, modulation);
+        let read = suspect.read_in(frame, codeword.layout_class(), params.bits, modulation);
         read.score(codeword).bits_agreeing as f64 / params.bits.get() as f64
     };
     let bin = (host.rho_max - host.rho_min) / params.bits.get() as f64;

@@ -51,10 +51,10 @@ impl Row {
         self.both += usize::from(matches().count() > 1);
         self.bounds.push(theirs.map_or(0.0, |found| found.log10_fp));
         if let Some(found) = theirs {
-            let stage = if found.under.is_some() {
+            let stage = if found.overmarked_by.is_some() {
                 "later record"
             } else {
-                found.how.as_ref().map_or("-", |how| how.stage.name())
+                found.evidence.as_ref().map_or("-", |evidence| evidence.stage.name())
             };
             *self.stages.entry(stage).or_default() += 1;
         }

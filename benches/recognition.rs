@@ -278,7 +278,7 @@ impl Table<'_> {
                 let read = detect(mesh, codeword, modulation, &record.frame).ok()?;
                 Some(read.right as f64 / (read.right + read.wrong + read.erased) as f64)
             };
-            let how = named.and_then(|found| found.how.as_ref());
+            let how = named.and_then(|found| found.evidence.as_ref());
             Outcome {
                 right: named.is_some(),
                 wrong: if number == 0 { wrong } else { 0 },

@@ -74,7 +74,7 @@ const ATTACKS: [Attack; 10] = [
 /// Wrong bits, bits read, and the bound.
 fn detect(suspect: &Mesh, codeword: &Codeword) -> Result<(usize, usize, f64), WatermarkError> {
     let bits = codeword.bit_count();
-    let soft = Suspect::new(suspect)?.read(codeword.lattice_class(), bits, Modulation::Mean);
+    let soft = Suspect::new(suspect)?.read(codeword.layout_class(), bits, Modulation::Mean);
     let score = soft.score(codeword);
     Ok((score.bits_read - score.bits_agreeing, score.bits_read, soft.log10_bound(score.t)))
 }

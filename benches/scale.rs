@@ -130,7 +130,7 @@ async fn run(options: Options, data: &Path) {
             times[2] / yardstick,
             answer["verdict"],
             answer["hypotheses"],
-            answer["tried"]
+            answer["stages"]
         );
     }
     let form = Client::form(&host).text("owner_id", "acme");
@@ -148,7 +148,7 @@ async fn run(options: Options, data: &Path) {
             1e3 * seconds,
             if best["watermark_id"] == id.as_str() { "the mark" } else { "nothing" },
             best["log10_fp"],
-            best["how"]["stage"],
+            best["evidence"]["stage"],
         );
     };
     report("plain copy", client.verify(&marked, "standard").await);

@@ -18,7 +18,7 @@ use quadmark::formats::{Asset, Limits};
 use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
-use quadmark::registration::outline::{BYTES, Outline};
+use quadmark::registration::descriptor::{BYTES, ShapeDescriptor};
 use quadmark::registration::sketch::HASHES;
 use quadmark::registration::{GeometryIndex, Probe, Shape, Similarity, Sketch};
 use quadmark::sample::{Sample, to_obj};
@@ -96,7 +96,7 @@ fn variant(number: u32, random: &mut ChaCha20Rng) -> Mesh {
 }
 
 /// A sketch like that of a mesh of some ten thousand vertices, its outline like one of `outlines`.
-fn filler(outlines: &[Outline], random: &mut ChaCha20Rng) -> Sketch {
+fn filler(outlines: &[ShapeDescriptor], random: &mut ChaCha20Rng) -> Sketch {
     let hashes = (0..HASHES).map(|_| random.next_u64() >> 7).collect();
     let model = outlines[random.next_u32() as usize % outlines.len()];
     let mut bytes = model.0;
@@ -107,7 +107,7 @@ fn filler(outlines: &[Outline], random: &mut ChaCha20Rng) -> Sketch {
         }
         *byte = byte.saturating_add(u8::try_from(random.next_u32() % 9).unwrap()).saturating_sub(4);
     }
-    Sketch::from_parts(hashes, Outline(bytes))
+    Sketch::from_parts(hashes, ShapeDescriptor(bytes))
 }
 
 fn rank(ids: impl IntoIterator<Item = u128>, id: u128) -> Option<usize> {
@@ -134,7 +134,7 @@ fn main() {
         records.push((u128::from(number) + 1000, sketch));
     }
     println!("{VARIANTS} variants sketched in {:.1?}", start.elapsed());
-    let outlines: Vec<Outline> = records.iter().map(|(_, s)| *s.outline()).collect();
+    let outlines: Vec<ShapeDescriptor> = records.iter().map(|(_, s)| *s.outline()).collect();
     let mut index = GeometryIndex::default();
     for (id, sketch) in &records {
         index.insert(*id, sketch);
@@ -166,7 +166,7 @@ fn main() {
             let parts = rank(index.by_parts(&probe, 10).into_iter().map(|h| h.id), *id);
             asking[0] += start.elapsed().as_secs_f64();
             let start = Instant::now();
-            let whole = rank(index.by_outline(&probe, 10).into_iter().map(|l| l.id), *id);
+            let whole = rank(index.by_descriptor(&probe, 10).into_iter().map(|l| l.id), *id);
             asking[1] += start.elapsed().as_secs_f64();
             for (k, rank) in [parts, whole].into_iter().enumerate() {
                 first[k] += u32::from(rank == Some(0));
@@ -199,7 +199,7 @@ fn main() {
         let _ = index.by_parts(&probe, 10);
         let parts = start.elapsed();
         let start = Instant::now();
-        let _ = index.by_outline(&probe, 10);
+        let _ = index.by_descriptor(&probe, 10);
         let outline = start.elapsed();
         println!("{} records: by parts {parts:.1?}, by outline {outline:.1?}", index.len());
     }

@@ -27,14 +27,14 @@ use quadmark::marking::{
 use quadmark::mesh::Mesh;
 use quadmark::mesh::quality::quality_until;
 use quadmark::mesh::surface::Surface;
-use quadmark::recognition::{Home, Visitor, looks};
+use quadmark::recognition::{HostModel, SuspectModel, poses};
 use quadmark::registration::{
     Budget, Effort, PreparedHost, PreparedSuspect, Probe, Shape, Sketch, Within,
 };
 use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{
-    BitCount, Codeword, EmbedParams, Host, HostFilter, MarkKey, Message, Method, Modulation,
-    Sighting, Suspect, embed, synchronise_until,
+    BitCount, Codeword, Correspondence, EmbedParams, Host, HostFilter, MarkKey, Message, Method,
+    Modulation, Suspect, embed, synchronise_until,
 };
 use rustix::time::{ClockId, clock_gettime};
 
@@ -191,17 +191,18 @@ fn preparing(surface: &Surface) -> (Shape, PreparedHost) {
 
 fn looking(mesh: &Mesh, marked: &Mesh) {
     let budget = Budget::new(200_000_000);
-    let home = stage("preparing a home", |stop| Home::new_until(mesh.clone(), stop).unwrap());
+    let host_model =
+        stage("preparing a home", |stop| HostModel::new_until(mesh.clone(), stop).unwrap());
     let moved = marked.positions().iter().map(|p| 0.5 * *p + DVec3::ONE).collect();
     let twin = Mesh::new(moved, marked.triangles().to_vec()).unwrap();
     let other = Sample::Knot.mesh(VERTICES / 2).unwrap();
     for (name, suspect) in [("a moved copy", &twin), ("another tessellation", &other)] {
         let surface = Surface::new(suspect);
-        let visitor = Visitor::new(suspect, &surface);
+        let suspect_model = SuspectModel::new(suspect, &surface);
         stage(&format!("looking at a host for {name}"), |stop| {
             let within = Within { budget: &budget, stop };
-            let _ = looks(&home, &visitor, Effort::Thorough, within, &mut |look| {
-                black_box(look);
+            let _ = poses(&host_model, &suspect_model, Effort::Thorough, within, &mut |pose| {
+                black_box(pose);
                 std::ops::ControlFlow::Continue(())
             });
         });
@@ -211,19 +212,18 @@ fn looking(mesh: &Mesh, marked: &Mesh) {
 fn verifying(mesh: &Mesh, marked: &Mesh, codeword: &Codeword) {
     let bits = BitCount::default();
     let suspect = stage("preparing a suspect", |stop| Suspect::new_until(marked, stop).unwrap());
-    let full =
-        quadmark::watermark::Effort { radius: 0.018, candidates: 4, centres: 2, lattices: 4 };
-    stage("searching lattices", |stop| {
+    let full = quadmark::watermark::Effort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 };
+    stage("searching bin layouts", |stop| {
         synchronise_until(&suspect, bits, Modulation::Mean, &full, stop)
     });
     let params = EmbedParams::default();
-    let class = codeword.lattice_class();
+    let class = codeword.layout_class();
     let filter =
         stage("making a filter", |stop| HostFilter::new_until(mesh, class, &params, stop).unwrap());
     let carriers = (0..).zip(&filter.surface().first_vertex);
-    let seen = |scale: f64| -> Vec<Sighting> {
+    let seen = |scale: f64| -> Vec<Correspondence> {
         let at = |v: u32| scale * marked.positions()[v as usize];
-        carriers.clone().map(|(carrier, &v)| Sighting { carrier, at: at(v) }).collect()
+        carriers.clone().map(|(carrier, &v)| Correspondence { carrier, at: at(v) }).collect()
     };
     let (as_it_was, smoothed) = (seen(1.0), seen(0.998));
     stage("comparing", |stop| drop(filter.compare_until(&as_it_was, None, stop)));

@@ -55,7 +55,7 @@ fn try_all(name: &str, bytes: &[u8]) -> Answer {
         Ok(marked) => {
             let (right, wrong) = bits_read(name, &marked.bytes, Modulation::Mean);
             assert_eq!((right, wrong), (marked.report.usable_bins, 0), "{name}");
-            // Not `markable` always: an inspection speaks of the poorest lattice class.
+            // Not `markable` always: an inspection speaks of the poorest layout class.
             assert!(inspected.unwrap().usable_bins > 0, "{name}");
             Answer::Marked
         }

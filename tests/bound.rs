@@ -13,8 +13,8 @@ use quadmark::mesh::surface::Surface;
 use quadmark::relief::{ReliefHost, ReliefReading, Signs};
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
-    BitCount, Codeword, CodewordIndex, Effort, EmbedParams, GroupKey, HostFilter, Hypothesis,
-    MarkKey, Message, Method, Modulation, Sighting, SoftBits, Suspect, Worth, synchronise,
+    BitCount, Codeword, CodewordIndex, Correspondence, Effort, EmbedParams, GroupKey, HostFilter,
+    Hypothesis, MarkKey, Message, Method, Modulation, SoftBits, Suspect, Worth, synchronise,
 };
 use rayon::prelude::*;
 
@@ -45,7 +45,7 @@ fn assert_bounded(
     let per_record = |hypotheses: u64| hypotheses as f64 / f64::from(CODEWORDS);
     let worth = Worth { log10_bound: -2.0, most: usize::MAX };
     let search = index.search(readings, worth);
-    // Classes differ in how many lattices fit them, so the count is a mean: as in a verdict.
+    // Classes differ in how many bin layouts fit them, so the count is a mean: as in a verdict.
     let readings = per_record(search.hypotheses);
     assert!(readings > 0.0, "{what}: nothing was scored");
     for log10_bound in [-2.0, -2.5, -3.0, -3.5, -4.0, -5.0] {
@@ -96,7 +96,7 @@ fn nor_on_scans() {
 
 fn assert_all_bounded(suspects: &[(String, Mesh)]) {
     let bits = BitCount::default();
-    let effort = Effort { radius: 0.002, candidates: 1, centres: 2, lattices: 5 };
+    let effort = Effort { radius: 0.002, candidates: 1, centres: 2, layouts: 5 };
     for modulation in [Modulation::Mean, Modulation::Variance] {
         let index = index(modulation);
         for (name, mesh) in suspects {
@@ -106,8 +106,8 @@ fn assert_all_bounded(suspects: &[(String, Mesh)]) {
                 vec![Hypothesis { frame: suspect.frame(), soft }]
             };
             assert_bounded(&format!("{name}, {modulation}, blind"), &index, &blind);
-            let lattices = synchronise(&suspect, bits, modulation, &effort);
-            let searched = |key: GroupKey| lattices.of_class(key.class);
+            let layouts = synchronise(&suspect, bits, modulation, &effort);
+            let searched = |key: GroupKey| layouts.of_class(key.class);
             assert_bounded(&format!("{name}, {modulation}, searched"), &index, &searched);
         }
     }
@@ -219,12 +219,12 @@ fn no_more_codewords_reach_a_bound_of_the_host_s_detectors_than_it_says() {
         let frame = Suspect::new(&host).unwrap().frame();
         for (name, positions) in suspects {
             let carriers = (0..).zip(&own.surface().first_vertex);
-            let sightings: Vec<Sighting> = carriers
-                .map(|(carrier, &v)| Sighting { carrier, at: positions[v as usize] })
+            let correspondences: Vec<Correspondence> = carriers
+                .map(|(carrier, &v)| Correspondence { carrier, at: positions[v as usize] })
                 .collect();
             let mesh = Mesh::new(positions, host.triangles().to_vec()).unwrap();
             let suspect = Suspect::new(&mesh).unwrap();
-            let comparison = own.compare(&sightings, None);
+            let comparison = own.compare(&correspondences, None);
             let readings = [
                 ("host frame", suspect.read_in(&frame, 77, params.bits, Modulation::Mean)),
                 ("matched filter", comparison.alone()),

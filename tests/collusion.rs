@@ -51,7 +51,7 @@ fn averages_of_two_and_three_copies_name_each_colluder_and_nobody_else() {
         let suspect = Suspect::new(&average(colluders)).unwrap();
         for (recipient, (_, codeword)) in copies.iter().enumerate() {
             let modulation = EmbedParams::default().method.modulation();
-            let soft = suspect.read(codeword.lattice_class(), codeword.bit_count(), modulation);
+            let soft = suspect.read(codeword.layout_class(), codeword.bit_count(), modulation);
             let bound = soft.log10_bound(soft.score(codeword).t) + COUNTED;
             let guilty = recipient < colluders.len();
             assert_eq!(bound < -9.0, guilty, "{recipient} of {}: {bound}", colluders.len());

@@ -157,7 +157,7 @@ fn assert_match(verdict: &Value, id: &str, owner_id: &str, what: &str) {
     assert_eq!((&best["watermark_id"], &best["owner_id"]), (&id.into(), &owner_id.into()));
     // (How many strengths and questions it is charged for depends on a key that is drawn anew each time.)
     let number = |of: &Value| of.as_f64().unwrap();
-    let before = number(&best["log10_fp"]) - number(&best["how"]["charged"]).log10();
+    let before = number(&best["log10_fp"]) - number(&best["evidence"]["charged"]).log10();
     assert!(before < -15.0, "{what}: {verdict}");
 }
 

@@ -27,9 +27,9 @@ use quadmark::mesh::surface::Surface;
 use quadmark::relief::{ReliefHost, ReliefReading, Signs};
 use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{
-    BitCount, Codeword, CodewordIndex, Effort, EmbedParams, Embedding, GroupKey, Host, HostFilter,
-    Hypothesis, MarkKey, Message, Method, Modulation, Schedule, Sighting, Strength, Suspect, Worth,
-    embed, synchronise,
+    BitCount, Codeword, CodewordIndex, Correspondence, Effort, EmbedParams, Embedding, GroupKey,
+    Host, HostFilter, Hypothesis, MarkKey, Message, Method, Modulation, Schedule, Strength,
+    Suspect, Worth, embed, synchronise,
 };
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -66,7 +66,7 @@ fn schedules() -> Value {
             let mut case = json!({
                 "key": name,
                 "bits": bits,
-                "lattice_class": schedule.lattice_class,
+                "layout_class": schedule.layout_class,
                 "permutation_sha256": sha256(&bins),
                 "whitening_sha256": sha256(&whitening),
             });
@@ -262,7 +262,7 @@ fn numbers(all: &[f64]) -> Value {
     json!({ "first": all.iter().take(4).collect::<Vec<_>>(), "sha256": sha256(&bytes) })
 }
 
-/// What is read of a mark, and how it is judged: blindly, after the lattice search and by the matched
+/// What is read of a mark, and how it is judged: blindly, after the layout search and by the matched
 /// filter, among fifty others' marks.
 fn verdict() -> Value {
     let params = params(Method::ExactMean, 0.1, 64);
@@ -279,9 +279,9 @@ fn verdict() -> Value {
         index.insert(u128::from(other), modulation, &codeword);
     }
     let suspect = Suspect::new(&mesh).unwrap();
-    let soft = suspect.read(own.lattice_class(), params.bits, modulation);
-    let effort = Effort { radius: 0.002, candidates: 3, centres: 2, lattices: 3 };
-    let lattices = synchronise(&suspect, params.bits, modulation, &effort);
+    let soft = suspect.read(own.layout_class(), params.bits, modulation);
+    let effort = Effort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 };
+    let layouts = synchronise(&suspect, params.bits, modulation, &effort);
     let worth = Worth { log10_bound: -3.0, most: 3 };
     let judged = |readings: &(dyn Fn(GroupKey) -> Vec<Hypothesis> + Sync)| {
         let search = index.search(readings, worth);
@@ -300,13 +300,13 @@ fn verdict() -> Value {
         let soft = Arc::new(suspect.read(key.class, key.bits, key.modulation));
         vec![Hypothesis { frame: suspect.frame(), soft }]
     });
-    let searched = judged(&|key| lattices.of_class(key.class));
-    let filter = HostFilter::new(&host, own.lattice_class(), &params).unwrap();
+    let searched = judged(&|key| layouts.of_class(key.class));
+    let filter = HostFilter::new(&host, own.layout_class(), &params).unwrap();
     let carriers = (0..).zip(&filter.surface().first_vertex);
-    let sightings: Vec<Sighting> = carriers
-        .map(|(carrier, &v)| Sighting { carrier, at: mesh.positions()[v as usize] })
+    let correspondences: Vec<Correspondence> = carriers
+        .map(|(carrier, &v)| Correspondence { carrier, at: mesh.positions()[v as usize] })
         .collect();
-    let (filtered, rounds) = filter.read(&sightings);
+    let (filtered, rounds) = filter.read(&correspondences);
     let score = filtered.score(&own);
     let filtered_bound = filtered.log10_bound(score.t);
     assert_eq!(blind["found"][0]["id"], 0);

@@ -68,7 +68,7 @@ fn a_mark_survives_similarity_reordering_and_conversion() {
                     let (right, wrong) = bits_read(&name, &bytes, method.modulation());
                     let usable = marked.report.usable_bins;
                     // A vertex at the very end of the range moves with the rounding of a format,
-                    // and the lattice with it: what is lost is a poor bin at most.
+                    // and the bin layout with it: what is lost is a poor bin at most.
                     assert!(wrong == 0 && right + 2 >= usable, "{name}, {change}: {right} {wrong}");
                 }
             }

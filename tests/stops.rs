@@ -20,15 +20,15 @@ use quadmark::marking::{
 use quadmark::mesh::Mesh;
 use quadmark::mesh::quality::quality_until;
 use quadmark::mesh::surface::Surface;
-use quadmark::recognition::{Home, Visitor, looks};
+use quadmark::recognition::{HostModel, SuspectModel, poses};
 use quadmark::registration::{
     Budget, Effort, PreparedHost, PreparedSuspect, Probe, Shape, Sketch, Within, by_surface,
     in_place,
 };
 use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{
-    BitCount, Codeword, EmbedParams, Host, HostFilter, MarkKey, Message, Method, Modulation,
-    Sighting, Suspect, embed, extract_until, synchronise_until,
+    BitCount, Codeword, Correspondence, EmbedParams, Host, HostFilter, MarkKey, Message, Method,
+    Modulation, Suspect, embed, extract_until, synchronise_until,
 };
 use rustix::time::{ClockId, clock_gettime};
 
@@ -101,7 +101,7 @@ struct Case {
     glb: Vec<u8>,
     codeword: Codeword,
     marked: Mesh,
-    smoothed: Vec<Sighting>,
+    smoothed: Vec<Correspondence>,
     filter: HostFilter,
     shape: Shape,
     host: PreparedHost,
@@ -117,10 +117,11 @@ fn case() -> Case {
     let params = EmbedParams { method: Method::QspMean, ..EmbedParams::default() };
     let seen = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &|_| {}, original: None };
     let made = embed(seen, &codeword, &params, &|| false).unwrap();
-    let filter = HostFilter::new(&mesh, codeword.lattice_class(), &params).unwrap();
+    let filter = HostFilter::new(&mesh, codeword.layout_class(), &params).unwrap();
     // Shrunk: many numbers of rounds of smoothing are tried.
     let carriers = (0..).zip(&filter.surface().positions);
-    let smoothed = carriers.map(|(carrier, p)| Sighting { carrier, at: 0.998 * *p }).collect();
+    let smoothed =
+        carriers.map(|(carrier, p)| Correspondence { carrier, at: 0.998 * *p }).collect();
     let marked = Mesh::new(made.positions, mesh.triangles().to_vec()).unwrap();
     let shape = Shape::new(surface.clone()).unwrap();
     let host = PreparedHost::new(shape.clone());
@@ -177,12 +178,14 @@ fn preparations(case: &Case) -> Vec<Stage<'_>> {
         (
             "looking at a host",
             Box::new(move |stop| {
-                let Some(home) = Home::new_until(case.mesh.clone(), stop) else { return };
+                let Some(host_model) = HostModel::new_until(case.mesh.clone(), stop) else {
+                    return;
+                };
                 let budget = Budget::new(10_000_000);
                 let within = Within { budget: &budget, stop };
-                let visitor = Visitor::new(&case.marked, &case.surface);
+                let suspect_model = SuspectModel::new(&case.marked, &case.surface);
                 let mut go_on = |_| std::ops::ControlFlow::Continue(());
-                let _ = looks(&home, &visitor, Effort::Whole, within, &mut go_on);
+                let _ = poses(&host_model, &suspect_model, Effort::Whole, within, &mut go_on);
             }),
         ),
         (
@@ -239,9 +242,8 @@ fn stages(case: &Case) -> Vec<Stage<'_>> {
     let inspected = Asset::read(&case.glb, &limits).unwrap();
     let suspect = Suspect::new(&case.marked).unwrap();
     let moved: Vec<DVec3> = case.surface.positions.iter().map(|p| 1.001 * *p).collect();
-    let class = case.codeword.lattice_class();
-    let full =
-        quadmark::watermark::Effort { radius: 0.018, candidates: 4, centres: 2, lattices: 4 };
+    let class = case.codeword.layout_class();
+    let full = quadmark::watermark::Effort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 };
     vec![
         ("reading OBJ", Box::new(move |stop| drop(Asset::read_until(&case.obj, &limits, stop)))),
         ("reading GLB", Box::new(move |stop| drop(Asset::read_until(&case.glb, &limits, stop)))),
@@ -272,7 +274,7 @@ fn stages(case: &Case) -> Vec<Stage<'_>> {
             }),
         ),
         (
-            "searching lattices",
+            "searching bin layouts",
             Box::new(move |stop| {
                 let _ =
                     synchronise_until(&suspect, BitCount::default(), Modulation::Mean, &full, stop);

@@ -7,7 +7,7 @@ use quadmark::formats::Asset;
 use quadmark::marking::extract_file;
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
-use quadmark::recognition::{Home, Visitor, relief_of};
+use quadmark::recognition::{HostModel, SuspectModel, relief_of};
 use quadmark::registration::{Budget, Within};
 use quadmark::relief::Amplitude;
 use quadmark::watermark::{BitCount, MarkKey, Modulation};
@@ -57,7 +57,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
             "centre": found.frame.centre.to_array(),
             "rho_min": found.frame.rho_min,
             "rho_max": found.frame.rho_max,
-            "lattice_class": found.lattice_class,
+            "layout_class": found.layout_class,
         }))?;
         return Ok(ExitCode::SUCCESS);
     }
@@ -82,13 +82,13 @@ fn relief(arguments: &Arguments, host: &Path) -> Outcome {
     let mesh = |path: &Path| -> Result<Mesh, Failure> {
         Ok(Asset::read(&files::read(path)?, &limits())?.into_mesh())
     };
-    let (host, suspect) = (Home::new(mesh(host)?), mesh(&arguments.input)?);
+    let (host, suspect) = (HostModel::new(mesh(host)?), mesh(&arguments.input)?);
     let surface = Surface::new(&suspect);
-    let visitor = Visitor::new(&suspect, &surface);
+    let suspect_model = SuspectModel::new(&suspect, &surface);
     let budget = Budget::new(u64::MAX);
     let within = Within { budget: &budget, stop: &|| false };
     let amplitude = arguments.amplitude.unwrap_or_default();
-    let found = relief_of(&host, &visitor, &arguments.key, amplitude, within);
+    let found = relief_of(&host, &suspect_model, &arguments.key, amplitude, within);
     let log10_fp = found.map_or(0.0, |found| found.log10_fp);
     let is_match = log10_fp < CERTAIN;
     if arguments.json {

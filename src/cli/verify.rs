@@ -71,8 +71,8 @@ fn print(verification: &Verification) {
         Verdict::NoMatch => "no match",
     };
     println!("{verdict} ({} hypotheses)", verification.hypotheses);
-    for tried in &verification.tried {
-        println!("  tried {}: {} hypotheses", tried.stage.name(), tried.hypotheses);
+    for run in &verification.stages {
+        println!("  tried {}: {} hypotheses", run.stage.name(), run.hypotheses);
     }
     for found in &verification.matches {
         let recipient = found.recipient.as_deref().unwrap_or("-");
@@ -83,7 +83,7 @@ fn print(verification: &Verification) {
             found.log10_fp,
             found.bits_agreeing,
             found.bits_read,
-            found.how.as_ref().map_or("-", |how| how.stage.name())
+            found.evidence.as_ref().map_or("-", |evidence| evidence.stage.name())
         );
     }
 }

@@ -267,7 +267,7 @@ pub(super) struct InspectionBody {
     rho_max: f64,
     /// How many bits were asked about.
     bits: usize,
-    /// Bins with enough vertices in the poorest of all lattice classes.
+    /// Bins with enough vertices in the poorest of all layout classes.
     usable_bins: usize,
     /// Bins that a mark needs.
     needed_bins: usize,

@@ -36,7 +36,7 @@ pub fn detect(
     host_frame: &Frame,
 ) -> Result<Detection, WatermarkError> {
     let bits = codeword.bit_count();
-    let class = codeword.lattice_class();
+    let class = codeword.layout_class();
     let scored = |soft: SoftBits| {
         let score = soft.score(codeword);
         (score, soft.log10_bound(score.t))

@@ -11,7 +11,7 @@ use super::trial::Trial;
 use crate::formats::{Asset, FormatError, Limits};
 use crate::mesh::distortion::Measured;
 use crate::mesh::surface::Surface;
-use crate::recognition::Home;
+use crate::recognition::HostModel;
 
 /// A host file.
 pub struct Subject {
@@ -24,7 +24,7 @@ pub struct Subject {
     /// Its welded surface.
     pub surface: Surface,
     measured: OnceLock<Option<Measured>>,
-    home: OnceLock<Home>,
+    host_model: OnceLock<HostModel>,
 }
 
 impl Subject {
@@ -35,7 +35,14 @@ impl Subject {
     pub fn read(name: String, bytes: Vec<u8>, limits: &Limits) -> Result<Self, FormatError> {
         let asset = Asset::read(&bytes, limits)?;
         let surface = Surface::new(asset.mesh());
-        Ok(Self { name, bytes, asset, surface, measured: OnceLock::new(), home: OnceLock::new() })
+        Ok(Self {
+            name,
+            bytes,
+            asset,
+            surface,
+            measured: OnceLock::new(),
+            host_model: OnceLock::new(),
+        })
     }
 
     /// Its surface as attacked meshes are measured against; prepared when first asked for, in
@@ -45,8 +52,8 @@ impl Subject {
     }
 
     /// The host as suspects are read against it, likewise.
-    pub(super) fn home(&self) -> &Home {
-        self.home.get_or_init(|| Home::new(self.asset.mesh().clone()))
+    pub(super) fn host_model(&self) -> &HostModel {
+        self.host_model.get_or_init(|| HostModel::new(self.asset.mesh().clone()))
     }
 }
 

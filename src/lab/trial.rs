@@ -15,7 +15,7 @@ use crate::marking::{
 };
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
-use crate::recognition::{Visitor, relief_of};
+use crate::recognition::{SuspectModel, relief_of};
 use crate::registration::{Budget, Within};
 use crate::watermark::{Codeword, EmbedParams, Frame, MarkKey, Message, WatermarkError};
 
@@ -223,10 +223,11 @@ impl Trial<'_> {
     fn relief_of(&self, marked: &MarkedMesh, attacked: &Mesh) -> Option<f64> {
         let amplitude = marked.report.amplitude?;
         let surface = Surface::new(attacked);
-        let visitor = Visitor::new(attacked, &surface);
+        let suspect_model = SuspectModel::new(attacked, &surface);
         let budget = Budget::new(u64::MAX);
         let within = Within { budget: &budget, stop: &|| false };
-        let found = relief_of(self.subject.home(), &visitor, &marked.key, amplitude, within);
+        let found =
+            relief_of(self.subject.host_model(), &suspect_model, &marked.key, amplitude, within);
         found.map(|found| found.log10_fp)
     }
 

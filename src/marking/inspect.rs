@@ -28,7 +28,7 @@ pub struct Inspection {
     pub rho_max: f64,
     /// How many bits were asked about.
     pub bits: usize,
-    /// Bins with enough vertices in the poorest of all lattice classes.
+    /// Bins with enough vertices in the poorest of all layout classes.
     pub usable_bins: usize,
     /// Bins that a mark needs.
     pub needed_bins: usize,
@@ -67,7 +67,7 @@ pub fn inspect_asset(asset: &Asset, params: &EmbedParams) -> Result<Inspection, 
     inspect_asset_until(asset, params, &|| false)
 }
 
-/// The same, asking `stop` before each of the 256 lattices and in what leads to them.
+/// The same, asking `stop` before each of the 256 bin layouts and in what leads to them.
 ///
 /// # Errors
 /// Also [`WatermarkError::Cancelled`].

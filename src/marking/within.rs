@@ -1,7 +1,7 @@
 //! The strongest mark within a limit of distortion.
 //!
 //! A strength that follows from what *this* codeword does to the host says something about the
-//! codeword, and detection weighs with the strength (the matched filter, the likeness of lattices): a
+//! codeword, and detection weighs with the strength (the matched filter, the likeness of bin layouts): a
 //! bound that takes codewords for independent of all weights would be too good. So the strength is
 //! fitted to the host alone (`fit`), with codewords that are nobody's ([`Codeword::probe`]): the worst of
 //! them may use a fixed share of the limit. Where no strength is weak enough for them, but nearly, it is

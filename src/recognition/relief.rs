@@ -1,7 +1,7 @@
-//! The relief of one mark, read from a suspect wherever a look has it.
+//! The relief of one mark, read from a suspect wherever a pose hypothesis has it.
 
-use super::home::{Home, Visitor};
-use super::look::{Look, LookKind, looks_until};
+use super::model::{HostModel, SuspectModel};
+use super::pose::{PoseHypothesis, PoseKind, poses_until};
 use crate::registration::{Effort, Within};
 use crate::relief::{Amplitude, ReliefReading, Signs, Work};
 use crate::watermark::MarkKey;
@@ -9,7 +9,7 @@ use crate::watermark::MarkKey;
 /// What one relief says.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReliefFound {
-    /// log10 of the bound on the probability that a fresh key reads so well, all looks counted.
+    /// log10 of the bound on the probability that a fresh key reads so well, all pose hypotheses counted.
     pub log10_fp: f64,
     /// Cells that were read.
     pub read: usize,
@@ -24,29 +24,29 @@ const PER_TEST: u64 = 2;
 /// after its refinement, which say little of each cell, but enough of all.
 const TURNED: u64 = 6_000_000;
 
-/// What a suspect's surface says of the signs of a host, at a look; `None` where it is nowhere near, the
-/// look does not say where it is, or once the job is stopped.
+/// What a suspect's surface says of the signs of a host, at a pose hypothesis; `None` where it is nowhere near, the
+/// pose hypothesis does not say where it is, or once the job is stopped.
 ///
 /// A reading is charged to the budget: it makes as many tests as sizes explain and are left, a quarter of
 /// them in any case, but for one of several turns.
 #[must_use]
 pub fn relief_at(
-    home: &Home,
-    visitor: &Visitor<'_>,
-    look: &Look,
+    host_model: &HostModel,
+    suspect_model: &SuspectModel<'_>,
+    pose: &PoseHypothesis,
     amplitude: Amplitude,
     within: Within<'_>,
 ) -> Option<ReliefReading> {
-    if !look.is_placed() {
+    if !pose.is_placed() {
         return None;
     }
-    let host = home.relief(within.stop)?;
-    let suspect = visitor.surface(home);
-    let (positions, mirrored) = look.placed(suspect);
+    let host = host_model.relief(within.stop)?;
+    let suspect = suspect_model.surface(host_model);
+    let (positions, mirrored) = pose.placed(suspect);
     let most = ReliefReading::most_tests(host, suspect);
     let left = within.budget.left() / PER_TEST;
-    let tests = match look.kind {
-        LookKind::Turned(_) => most.min(TURNED).min(left),
+    let tests = match pose.kind {
+        PoseKind::Turned(_) => most.min(TURNED).min(left),
         _ => most.min(left.max(most / 4)),
     };
     let mut work = Work::new(tests, within.stop);
@@ -59,20 +59,20 @@ pub fn relief_at(
 /// The best that the relief of a key reads with.
 #[must_use]
 pub fn relief_of(
-    home: &Home,
-    visitor: &Visitor<'_>,
+    host_model: &HostModel,
+    suspect_model: &SuspectModel<'_>,
     key: &MarkKey,
     amplitude: Amplitude,
     within: Within<'_>,
 ) -> Option<ReliefFound> {
-    /// A bound that needs no other look.
+    /// A bound that needs no other pose hypothesis.
     const CERTAIN: f64 = -15.0;
     let mut best: Option<ReliefFound> = None;
-    let _ = looks_until(home, visitor, Effort::Whole, within, &mut |look| {
-        if let Some(reading) = relief_at(home, visitor, look, amplitude, within) {
+    let _ = poses_until(host_model, suspect_model, Effort::Whole, within, &mut |pose| {
+        if let Some(reading) = relief_at(host_model, suspect_model, pose, amplitude, within) {
             let signs = Signs::new(key, reading.signed_weights().len());
             let log10_bound = reading.log10_bound(reading.score(&signs));
-            let log10_fp = (log10_bound - libm::log10(look.kind.share())).min(0.0);
+            let log10_fp = (log10_bound - libm::log10(pose.kind.share())).min(0.0);
             let (read, agreeing) = reading.agreeing(&signs);
             if best.is_none_or(|best| log10_fp < best.log10_fp) {
                 best = Some(ReliefFound { log10_fp, read, agreeing });
@@ -98,9 +98,9 @@ mod tests {
     #[test]
     fn a_moved_part_of_a_round_host_is_read_with_every_key() {
         let mesh = Sample::Blob.mesh(10_000).unwrap();
-        let home = Home::new(mesh.clone());
-        let plain = home.surface();
-        let field = home.relief(&|| false).unwrap().field();
+        let host_model = HostModel::new(mesh.clone());
+        let plain = host_model.surface();
+        let field = host_model.relief(&|| false).unwrap().field();
         let place = Similarity {
             scale: 0.3,
             rotation: glam::DQuat::from_rotation_y(1.1) * glam::DQuat::from_rotation_x(0.4),
@@ -125,10 +125,10 @@ mod tests {
             let single = |p: &DVec3| place.apply(*p).as_vec3().as_dvec3();
             let part = Mesh::new(marked.iter().map(single).collect(), kept).unwrap();
             let surface = Surface::new(&part);
-            let visitor = Visitor::new(&part, &surface);
+            let suspect_model = SuspectModel::new(&part, &surface);
             let budget = Budget::new(u64::MAX);
             let within = Within { budget: &budget, stop: &|| false };
-            let found = relief_of(&home, &visitor, &mark, amplitude, within);
+            let found = relief_of(&host_model, &suspect_model, &mark, amplitude, within);
             bounds.push(found.map_or(0.0, |found| found.log10_fp));
         }
         assert!(bounds.iter().all(|bound| *bound < -12.0), "{bounds:.1?}");

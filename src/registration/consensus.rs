@@ -1,7 +1,7 @@
 //! From pairs of points, many of which are wrong, to a similarity: RANSAC (Fischler and Bolles
 //! 1981) over triples, then reweighted least squares over all.
 
-use super::codes::mix;
+use super::signatures::mix;
 use super::similarity::{Pair, Similarity, fit};
 use crate::mesh::powers::{cubed, squared};
 use crate::mesh::stop::{Stop, go_on};

@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, HashMap};
 
 use rayon::prelude::*;
 
-use super::outline::Outline;
+use super::descriptor::ShapeDescriptor;
 use super::sketch::{Probe, Sketch};
 
 /// Postings that wait in a tree before they are merged into the sorted list, and the share of that
@@ -29,21 +29,21 @@ pub struct Hit {
     pub weight: f64,
 }
 
-/// A record and how far its outline is from the suspect's.
+/// A record and how far its descriptor is from the suspect's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Likeness {
     /// The id it was inserted with.
     pub id: u128,
-    /// Distance of the outlines, 0 at best.
+    /// Distance of the descriptors, 0 at best.
     pub distance: u32,
 }
 
-/// Sketches by their hashes and outlines. About 1.7 KB per record, of which 1.5 KB
+/// Sketches by their hashes and descriptors. About 1.7 KB per record, of which 1.5 KB
 /// are postings: 1.7 GB for a million.
 #[derive(Debug, Default)]
 pub struct GeometryIndex {
     ids: Vec<u128>,
-    outlines: Vec<Outline>,
+    outlines: Vec<ShapeDescriptor>,
     dead: Vec<bool>,
     free: Vec<u32>,
     slot_of: HashMap<u128, u32>,
@@ -169,9 +169,9 @@ impl GeometryIndex {
         hits
     }
 
-    /// The `most` records whose outlines are nearest to the suspect's, best first.
+    /// The `most` records whose descriptors are nearest to the suspect's, best first.
     #[must_use]
-    pub fn by_outline(&self, probe: &Probe, most: usize) -> Vec<Likeness> {
+    pub fn by_descriptor(&self, probe: &Probe, most: usize) -> Vec<Likeness> {
         let nearest = |all: &mut Vec<Likeness>| {
             all.sort_unstable_by_key(|l| (l.distance, l.id));
             all.truncate(most);
@@ -216,13 +216,13 @@ fn slot(posting: u64) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registration::codes::mix;
-    use crate::registration::outline::BYTES;
+    use crate::registration::descriptor::BYTES;
+    use crate::registration::signatures::mix;
 
     fn sketch(record: u64) -> Sketch {
         let hashes = (0..100).map(|k| mix(1000 * record + k, 9) >> 8).collect();
         let bytes = mix(record, 11).to_le_bytes();
-        Sketch::from_parts(hashes, Outline(std::array::from_fn(|i| bytes[i % 8])))
+        Sketch::from_parts(hashes, ShapeDescriptor(std::array::from_fn(|i| bytes[i % 8])))
     }
 
     fn probe(record: u64, hashes: usize) -> Probe {
@@ -242,8 +242,8 @@ mod tests {
         for record in [0, 999, 1000, 1999] {
             let hits = index.by_parts(&probe(record, 5), 3);
             assert_eq!((hits[0].id, hits[0].hits), (u128::from(record), 5));
-            assert_eq!(index.by_outline(&probe(record, 5), 1)[0].distance, 0);
-            assert_eq!(index.by_outline(&probe(record, 5), 1)[0].id, u128::from(record));
+            assert_eq!(index.by_descriptor(&probe(record, 5), 1)[0].distance, 0);
+            assert_eq!(index.by_descriptor(&probe(record, 5), 1)[0].id, u128::from(record));
         }
         assert!(index.by_parts(&probe(5000, 100), 3).is_empty());
     }
@@ -265,13 +265,13 @@ mod tests {
         assert_eq!(index.ids.len(), 11);
         assert_eq!(index.by_parts(&probe(77, 100), 5)[0].hits, 100);
         assert!(index.by_parts(&probe(3, 100), 5).is_empty());
-        assert!(index.by_outline(&probe(3, 1), 20).iter().all(|l| l.id != 3));
+        assert!(index.by_descriptor(&probe(3, 1), 20).iter().all(|l| l.id != 3));
     }
 
     #[test]
     fn a_hash_that_many_records_share_is_worth_less() {
         let mut index = GeometryIndex::default();
-        let outline = Outline([0; BYTES]);
+        let outline = ShapeDescriptor([0; BYTES]);
         for id in 0..50_u64 {
             let own = (0..3).map(|k| mix(id, k + 100));
             index.insert(id.into(), &Sketch::from_parts(own.chain(0..20).collect(), outline));

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::scatter::Point;
+use super::samples::Point;
 use super::similarity::Similarity;
 use crate::mesh::linear::eigen;
 
@@ -106,7 +106,7 @@ fn turns() -> Vec<DMat3> {
 mod tests {
     use super::*;
     use crate::mesh::surface::Surface;
-    use crate::registration::scatter::scatter;
+    use crate::registration::samples::scatter;
     use crate::registration::shape::Shape;
     use crate::registration::similarity::tests::awkward;
     use crate::sample::Sample;

@@ -3,9 +3,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::align::Target;
 use super::budget::Within;
-use super::rings::NONE;
+use super::icp::Target;
+use super::one_rings::NONE;
 use super::shape::Shape;
 use super::similarity::Similarity;
 

@@ -2,14 +2,14 @@
 
 use std::sync::OnceLock;
 
-use super::align::Target;
-use super::discs::Discs;
-use super::parts::{HostPlaces, SuspectPlaces};
-use super::scatter::{Point, scatter_until};
+use super::icp::Target;
+use super::partial::{HostPlaces, SuspectPlaces};
+use super::samples::{Point, scatter_until};
 use super::shape::Shape;
 use super::similarity::Similarity;
+use super::surfels::Discs;
 use super::symmetry::symmetries;
-use super::twins::{Findable, Landmarks};
+use super::vertices::{Findable, Landmarks};
 use crate::mesh::stop::{Stop, go_on, once, unstopped};
 
 /// Points that a surface is aligned by before it is known to fit.
@@ -40,7 +40,7 @@ pub enum Basis {
     Surface,
 }
 
-/// A suspect brought home.
+/// A suspect in its host's coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignment {
     /// From the suspect file's coordinates to the host file's.
@@ -62,7 +62,7 @@ pub struct PreparedHost {
     pub(super) shape: Shape,
     pub(super) landmarks: Landmarks,
     pub(super) points: Vec<Point>,
-    /// Built when first asked for: twins do without, and what fits nowhere without the latter.
+    /// Built when first asked for: vertex correspondences do without, and what fits nowhere without the latter.
     discs: OnceLock<Discs>,
     target: OnceLock<Option<Target>>,
     places: OnceLock<HostPlaces>,

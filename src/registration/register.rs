@@ -1,20 +1,20 @@
-//! The whole way: from a host and a suspect to the similarities that bring the one home to the
+//! The whole way: from a host and a suspect to the similarities that bring the one into the coordinates of the
 //! other.
 
 use super::budget::Within;
 use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
 use super::surface::{by_surface, share_near};
-use super::twins::{Twins, twins};
+use super::vertices::{Twins, twins};
 use crate::mesh::stop::Stop;
 
 /// Twins that make up this share of the suspect leave nothing to search for, where they put this share
 /// of its surface on the host. (Regular parts of a surface that was made anew have the same surroundings
-/// in several places: on a bracket a fifth of the vertices had false twins.)
+/// in several places: on a bracket a fifth of the vertices had false correspondences.)
 const TWINS_SUFFICE: f64 = 0.2;
 const SURFACE_SUFFICES: f64 = 0.9;
 
 /// The similarities under which `suspect` is a part of `host`, best first; few, and none where
-/// there is nothing in common. What is stopped returns twins or
+/// there is nothing in common. What is stopped returns vertex correspondences or
 /// nothing.
 #[must_use]
 pub fn register(
@@ -23,7 +23,7 @@ pub fn register(
     effort: Effort,
     within: Within<'_>,
 ) -> Vec<Alignment> {
-    let Some(alignment) = by_twins(host, suspect, within.stop) else {
+    let Some(alignment) = by_vertices(host, suspect, within.stop) else {
         return by_surface(host, suspect, effort, &[], within);
     };
     if suffices(host, suspect, &alignment, within) {
@@ -37,7 +37,7 @@ pub fn register(
 
 /// The alignment by the vertices that suspect and host share; also `None` once `stop` answers `true`.
 #[must_use]
-pub fn by_twins(
+pub fn by_vertices(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
     stop: Stop<'_>,

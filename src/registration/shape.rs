@@ -2,13 +2,13 @@
 
 use glam::{DQuat, DVec3};
 
-use super::codes::{Code, Sense, connectivity_until, metric_until};
-use super::rings::Rings;
+use super::one_rings::Rings;
+use super::signatures::{Code, Sense, connectivity_until, metric_until};
 use super::similarity::Similarity;
 use crate::mesh::stop::{STEP, Stop, changed, go_on, never, sorted};
 use crate::mesh::surface::{Surface, doubled_area};
 
-/// Rings that a twin's connectivity code looks at. One more costs a fragment more of its vertices
+/// Rings that a vertex's connectivity code looks at. One more costs a fragment more of its vertices
 /// (those near its border have no code), one less leaves too few codes that occur once.
 const RADIUS: usize = 2;
 

@@ -3,11 +3,11 @@
 //! Parts: each vertex has a hash, made of the connectivity three rings around it (or, where that
 //! says nothing, of lengths), and the smallest hashes of a mesh are a fair sample of its vertices
 //! (bottom-k sketches; Cohen and Kaplan 2007). A fragment with a share s of the mesh has about the
-//! same share s of these vertices, and finds the record by them. Wholes: the [`Outline`].
+//! same share s of these vertices, and finds the record by them. Wholes: the [`ShapeDescriptor`].
 
-use super::codes::{Code, Sense, connectivity_until, metric_until, mix};
-use super::outline::{BYTES, Outline};
+use super::descriptor::{BYTES, ShapeDescriptor};
 use super::shape::Shape;
+use super::signatures::{Code, Sense, connectivity_until, metric_until, mix};
 use crate::mesh::stop::{Stop, go_on, sorted, unstopped};
 
 /// Rings that a hash looks at: 37 vertices. Two rings tell the vertices of one mesh apart, among
@@ -36,7 +36,7 @@ const VERSION: u8 = 1;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Sketch {
     hashes: Vec<u64>,
-    outline: Outline,
+    outline: ShapeDescriptor,
 }
 
 /// What is looked up for a suspect.
@@ -44,8 +44,8 @@ pub struct Sketch {
 pub struct Probe {
     /// Hashes of its vertices, smallest first.
     pub hashes: Vec<u64>,
-    /// Its outline.
-    pub outline: Outline,
+    /// Its descriptor.
+    pub outline: ShapeDescriptor,
 }
 
 /// Why bytes are no sketch.
@@ -82,12 +82,12 @@ impl Sketch {
         };
         hashes.sort_unstable();
         hashes.dedup();
-        Some(Self { hashes, outline: Outline::new_until(shape, stop)? })
+        Some(Self { hashes, outline: ShapeDescriptor::new_until(shape, stop)? })
     }
 
     /// A sketch of given parts, the hashes in any order: for tests and simulations.
     #[must_use]
-    pub fn from_parts(mut hashes: Vec<u64>, outline: Outline) -> Self {
+    pub fn from_parts(mut hashes: Vec<u64>, outline: ShapeDescriptor) -> Self {
         hashes.sort_unstable();
         hashes.dedup();
         hashes.truncate(HASHES);
@@ -100,13 +100,13 @@ impl Sketch {
         &self.hashes
     }
 
-    /// Its outline.
+    /// Its descriptor.
     #[must_use]
-    pub fn outline(&self) -> &Outline {
+    pub fn outline(&self) -> &ShapeDescriptor {
         &self.outline
     }
 
-    /// As bytes: version, outline, hashes.
+    /// As bytes: version, descriptor, hashes.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(1 + BYTES + 8 * self.hashes.len());
@@ -134,7 +134,7 @@ impl Sketch {
         if !left.is_empty() || hashes.len() > HASHES || !ordered {
             return Err(SketchError::Damaged);
         }
-        Ok(Self { hashes, outline: Outline(*outline) })
+        Ok(Self { hashes, outline: ShapeDescriptor(*outline) })
     }
 }
 
@@ -157,7 +157,7 @@ impl Probe {
         let mut hashes = some(connectivity_hashes(shape, stop)?)?;
         hashes.extend(some(metric_hashes(shape, stop)?)?);
         hashes.sort_unstable();
-        Some(Self { hashes, outline: Outline::new_until(shape, stop)? })
+        Some(Self { hashes, outline: ShapeDescriptor::new_until(shape, stop)? })
     }
 }
 
@@ -242,7 +242,7 @@ mod tests {
         let hashes = [connectivity_hashes(&shape, &never), metric_hashes(&shape, &never)];
         let parts = hashes.map(|h| sum(rare(h.unwrap(), &never).unwrap()));
         assert_eq!(parts, [(137, 13_088_741_176_312_909_374), (112, 10_143_715_808_597_722_768)]);
-        let outline = sum(Outline::new(&shape).0.map(u64::from).to_vec());
+        let outline = sum(ShapeDescriptor::new(&shape).0.map(u64::from).to_vec());
         assert_eq!(outline, (BYTES, 4_379_294_214_155_037_365));
     }
 

@@ -1,4 +1,4 @@
-//! Spin images (Johnson and Hebert 1999) over a ladder of radii: what the surface within a radius
+//! Spin images (Johnson and Hebert 1999) over a series of radii: what the surface within a radius
 //! looks like from a point on it, whatever the triangles.
 //!
 //! How large a fragment is within its host is unknown, so the host is described at many radii and
@@ -8,7 +8,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::budget::Stop;
-use super::scatter::Point;
+use super::samples::Point;
 
 /// Bins of the distance from the normal's line, and of the height along it.
 const ACROSS: usize = 5;
@@ -113,7 +113,7 @@ fn bin(share: f64, count: usize) -> usize {
 mod tests {
     use super::*;
     use crate::mesh::surface::Surface;
-    use crate::registration::scatter::scatter;
+    use crate::registration::samples::scatter;
     use crate::registration::shape::Shape;
     use crate::registration::similarity::tests::awkward;
     use crate::sample::Sample;

@@ -1,15 +1,15 @@
 //! A suspect onto its host by the surface alone, whatever the triangles: guesses, judged and aligned
-//! on the host's discs, and the few that stand the test on all of its triangles.
+//! on the host's surfels, and the few that stand the test on all of its triangles.
 
 use std::borrow::Cow;
 
-use super::align::{Fit, Ground, Target};
 use super::budget::Within;
+use super::icp::{Fit, Ground, Target};
 use super::moments::by_moments;
 use super::nearest::mutual;
-use super::parts::{self, by_parts};
+use super::partial::{self, by_parts};
 use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
-use super::scatter::{Point, scatter_until};
+use super::samples::{Point, scatter_until};
 use super::similarity::Similarity;
 
 /// Points of the suspect that judge hypotheses, and those that the final alignment goes by.
@@ -55,7 +55,7 @@ const LAST_ROUNDS: u32 = 8;
 const PROBES: usize = 60;
 const LEAST_POINTS: usize = 200;
 
-/// Discs stand for the surface as long as no reach is smaller than this.
+/// Surfels stand for the surface as long as no reach is smaller than this.
 const DISCS_REACH: f64 = 0.006;
 
 /// The alignment of a suspect that kept its host's coordinates, refined if `refined`. `None` if it
@@ -115,8 +115,8 @@ pub fn by_surface(
     let mut fits = aligned(host, suspect, &guesses, within);
     let is_whole = fits.first().is_some_and(|fit| fit.overlap >= WHOLE);
     let is_part = suspect.shape.positions.len() >= LEAST_PART;
-    if !is_whole && is_part && within.budget.left() >= parts::PRICE {
-        within.budget.spend(parts::PRICE);
+    if !is_whole && is_part && within.budget.left() >= partial::PRICE {
+        within.budget.spend(partial::PRICE);
         let (Some(there), Some(here)) = (host.places(within.stop), suspect.places(within.stop))
         else {
             return Vec::new();
@@ -197,7 +197,7 @@ fn aligned(
             let points = affordable(points, share / cost / u64::from(rounds + 1))?;
             Some((target as &dyn Ground, points))
         });
-        // Discs cost the same few looks on any host.
+        // Surfels cost the same few look-ups on any host.
         let (ground, points) = searched.unwrap_or((discs, Cow::Borrowed(points)));
         let similarity = ground.align(&fit.similarity, &points, reach..end, rounds, within);
         ground.judge(&similarity, &points, end, within)
@@ -279,7 +279,7 @@ fn affordable(points: &[Point], count: u64) -> Option<Cow<'_, [Point]>> {
 /// have no say in where the suspect lies: simplification puts them outside of the host's surface,
 /// smoothing inside, and nearest ones pull to where they happen to be.
 ///
-/// Takes at most about `share` tests: fewer points where searches are dear, no vertices where they
+/// Takes at most about `share` tests: fewer points where searches are expensive, no vertices where they
 /// would take more than half, and the fit as it is where nothing can be afforded.
 fn finish(
     host: &PreparedHost,

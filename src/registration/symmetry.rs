@@ -3,11 +3,11 @@
 //! A gear with six holes lies on itself in twelve ways, and nothing in the shape of a suspect says which
 //! of them is its own. Whoever looks at a suspect has to consider all.
 
-use super::align::{Fit, Ground};
 use super::budget::{Budget, Within};
+use super::icp::{Fit, Ground};
 use super::moments::by_moments;
 use super::prepared::PreparedHost;
-use super::scatter::Point;
+use super::samples::Point;
 use super::similarity::Similarity;
 use super::surface::{FINE, ROUGH};
 use crate::mesh::stop::Stop;

@@ -63,7 +63,7 @@ pub async fn check(config: &Config) -> Result<Checked, StartError> {
     let mut checked = Checked::default();
     let blobs = Blobs::there(&data.join("blobs"))?;
     let registry = Sqlite::open_to_read(data).await?;
-    let looked = look(config, &registry, blobs.as_ref(), &mut checked).await;
+    let looked = pose(config, &registry, blobs.as_ref(), &mut checked).await;
     registry.end().await;
     match looked {
         // A file that is no database any more is what the check is for.
@@ -75,7 +75,7 @@ pub async fn check(config: &Config) -> Result<Checked, StartError> {
     Ok(checked)
 }
 
-async fn look(
+async fn pose(
     config: &Config,
     registry: &Sqlite,
     blobs: Option<&Blobs>,

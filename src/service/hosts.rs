@@ -135,12 +135,12 @@ impl Hosts {
         self.0.read().unwrap_or_else(PoisonError::into_inner).families.eldest(key)
     }
 
-    /// The hosts that look most like the suspect, likeliest first: by shared parts, then by outline. A
+    /// The hosts that look most like the suspect, likeliest first: by shared parts, then by descriptor. A
     /// family stands where its eldest host does, in order of registration.
     pub(super) fn shortlist(&self, probe: &Probe, most: usize) -> Vec<HostKey> {
         let inner = self.0.read().unwrap_or_else(PoisonError::into_inner);
         let parts = inner.geometry.by_parts(probe, most);
-        let outlines = inner.geometry.by_outline(probe, most);
+        let outlines = inner.geometry.by_descriptor(probe, most);
         let mut listed = Vec::new();
         let mut list = |id: u128| {
             let key = HostKey(id);

@@ -104,7 +104,7 @@ impl Service {
         };
         let service = self.clone();
         let slot = self.admit()?;
-        let (spooled, looks) = (Arc::new(file), on_existing.is_some());
+        let (spooled, poses) = (Arc::new(file), on_existing.is_some());
         let file = spooled.clone();
         let (asset, host_key, looking) = self
             .run(&slot, spooled.bytes, move |allowed| {
@@ -116,7 +116,7 @@ impl Service {
                 let host_key = geometry::key_until(asset.mesh(), &stop);
                 let host_key = host_key.ok_or_else(|| allowed.stop().reason())?;
                 let host_key = *geometry.get_or_init(|| host_key);
-                let looking = if looks {
+                let looking = if poses {
                     service.begin_looking(&asset, &host_key, allowed.stop())?
                 } else {
                     None

@@ -18,7 +18,7 @@ pub(super) enum Purpose {
     Host,
 }
 
-/// Bytes that a comparison takes whatever the sizes: what is read of a relief at one look.
+/// Bytes that a comparison takes whatever the sizes: what is read of a relief at one pose hypothesis.
 const PER_COMPARISON: u64 = 64 << 20;
 
 /// Triangles up to which an inspection rehearses a mark: `lab::expected` looks at no more.

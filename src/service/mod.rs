@@ -57,7 +57,7 @@ pub use inspect::Inspected;
 pub use spool::{Spool, Spooled};
 pub use text::Text;
 pub use verdict::{
-    FileFacts, FrameFacts, FrameName, How, LookedAt, Match, StageName, TriedStage, Verdict,
+    Evidence, FileFacts, FrameFacts, FrameName, LookedAt, Match, StageName, StageRun, Verdict,
     Verification,
 };
 pub use verify::{Depth, VerifyRequest};
@@ -174,7 +174,7 @@ pub struct Service {
     known: known::Known,
     unreadable: known::Unreadable,
     hosts: hosts::Hosts,
-    homes: verify::Homes,
+    host_cache: verify::HostCache,
     in_progress: idempotency::InProgress,
     /// Held by registrations side by side and by a revocation alone, from the registry's commit until
     /// memory is in step with it. Without it a mark revoked between the two would be inserted after it
@@ -242,7 +242,7 @@ impl Service {
             known: known::Known::default(),
             unreadable: known::Unreadable::default(),
             hosts: hosts::Hosts::default(),
-            homes: verify::Homes::new(),
+            host_cache: verify::HostCache::new(),
             in_progress: idempotency::InProgress::default(),
             order: tokio::sync::RwLock::default(),
             tasks: TaskTracker::new(),

@@ -29,7 +29,7 @@ pub(super) async fn open(config: &Config) -> Result<Opened, StartError> {
     let data = &config.data;
     let lock = Lock::take(data)?;
     warn_if_open_to_others(data);
-    let (survey, orphans) = look(data, &lock).await?;
+    let (survey, orphans) = pose(data, &lock).await?;
     let noted = seen::read(data)?;
     if let Some(refusal) = refusal(config, noted.as_ref(), &survey, &orphans) {
         if !config.accept_registry {
@@ -53,7 +53,7 @@ pub(super) async fn open(config: &Config) -> Result<Opened, StartError> {
 }
 
 /// What the registry holds, and the blobs of which it does not know. Writes nothing.
-async fn look(data: &Path, lock: &Lock) -> Result<(Survey, Vec<Name>), StartError> {
+async fn pose(data: &Path, lock: &Lock) -> Result<(Survey, Vec<Name>), StartError> {
     let blobs = Blobs::there(&data.join("blobs"))?;
     if !Sqlite::is_there(data) {
         let orphans = match &blobs {

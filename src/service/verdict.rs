@@ -36,7 +36,7 @@ pub enum FrameName {
     Registered,
 }
 
-/// A detector of the ladder.
+/// A detector of the cascade.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum StageName {
@@ -44,21 +44,21 @@ pub enum StageName {
     Blind,
     /// The host's own frame, for marks that the request names.
     InPlace,
-    /// Centre and lattice searched from the suspect alone, near its own centre.
-    NearLattices,
+    /// Centre and layout searched from the suspect alone, near its own centre.
+    LayoutSearchNear,
     /// The same, as far as a cut of some percent moves the centre.
-    Lattices,
-    /// The same, farther, and with more lattices.
-    WideLattices,
+    LayoutSearch,
+    /// The same, farther, and with more bin layouts.
+    LayoutSearchWide,
     /// The frame of a host on the short list, in place or after registration.
-    HostFrames,
+    HostFrame,
     /// Heights of the suspect's surface over a host on the short list: the relief of a mark.
     Relief,
     /// Vertex by vertex against a host on the short list.
     MatchedFilter,
     /// The blind frame, for marks that are not asked about, but whose records may name one that is
     /// and that they were laid over.
-    LaterMarks,
+    Overmarks,
 }
 
 impl StageName {
@@ -66,13 +66,13 @@ impl StageName {
     pub const ALL: [Self; 9] = [
         Self::Blind,
         Self::InPlace,
-        Self::NearLattices,
-        Self::Lattices,
-        Self::WideLattices,
-        Self::HostFrames,
+        Self::LayoutSearchNear,
+        Self::LayoutSearch,
+        Self::LayoutSearchWide,
+        Self::HostFrame,
         Self::Relief,
         Self::MatchedFilter,
-        Self::LaterMarks,
+        Self::Overmarks,
     ];
 
     /// Its name in answers.
@@ -81,13 +81,13 @@ impl StageName {
         match self {
             Self::Blind => "blind",
             Self::InPlace => "in_place",
-            Self::NearLattices => "near_lattices",
-            Self::Lattices => "lattices",
-            Self::WideLattices => "wide_lattices",
-            Self::HostFrames => "host_frames",
+            Self::LayoutSearchNear => "layout_search_near",
+            Self::LayoutSearch => "layout_search",
+            Self::LayoutSearchWide => "layout_search_wide",
+            Self::HostFrame => "host_frame",
             Self::Relief => "relief",
             Self::MatchedFilter => "matched_filter",
-            Self::LaterMarks => "later_marks",
+            Self::Overmarks => "overmarks",
         }
     }
 }
@@ -114,7 +114,7 @@ pub struct FrameFacts {
 
 /// What the bound of a match rests on.
 #[derive(Debug, Clone, Serialize, ToSchema)]
-pub struct How {
+pub struct Evidence {
     /// The detector that found it.
     pub stage: StageName,
     /// The frame that it assumed.
@@ -150,14 +150,14 @@ pub struct How {
 
 /// A stage that ran.
 #[derive(Debug, Clone, Serialize, ToSchema)]
-pub struct TriedStage {
+pub struct StageRun {
     /// Its name.
     pub stage: StageName,
-    /// Hypotheses that it scored: marks times frames and lattices.
+    /// Hypotheses that it scored: marks times frames and bin layouts.
     pub hypotheses: u64,
     /// The part of the error probability that it may spend, fixed beforehand. The shares of all
     /// stages add up to at most 1.
-    pub share: f64,
+    pub error_share: f64,
 }
 
 /// A mark that the suspect may carry.
@@ -182,11 +182,11 @@ pub struct Match {
     pub bits_agreeing: usize,
     /// Bits that could be read.
     pub bits_read: usize,
-    /// The mark that lies over this one, where this one itself was not read: `how` says how that
+    /// The mark that lies over this one, where this one itself was not read: `evidence` says how that
     /// one was read, its record says that its host carried this one, and the bound is the sum of
     /// both.
     #[schema(value_type = Option<String>, format = "uuid")]
-    pub under: Option<Uuid>,
+    pub overmarked_by: Option<Uuid>,
     /// In which frame it was read.
     pub frame: FrameName,
     /// Which share of the file's surface lies on the host's (within 1.2 % of the diagonal, after
@@ -198,7 +198,7 @@ pub struct Match {
     pub on_host: Option<f64>,
     /// What its bound rests on; only of a match. (Of a record that the file may not carry, the weights
     /// would tell where its bins lie.)
-    pub how: Option<How>,
+    pub evidence: Option<Evidence>,
 }
 
 /// What the suspect is.
@@ -237,11 +237,11 @@ pub struct Verification {
     /// names; 0 where neither names one. Each further question is charged to the record's bound. The
     /// same file asked about in the same way is the same question.
     pub questions: u64,
-    /// How many hypotheses were scored; the bounds count them all, each in its stage. (Of lattices, the
+    /// How many hypotheses were scored; the bounds count them all, each in its stage. (Of bin layouts, the
     /// mean over all classes.)
     pub hypotheses: u64,
-    /// The stages that ran, in order; the dearer ones run only while the verdict is open.
-    pub tried: Vec<TriedStage>,
+    /// The stages that ran, in order; the more expensive ones run only while the verdict is open.
+    pub stages: Vec<StageRun>,
     /// Best first; only those below the inconclusive threshold.
     pub matches: Vec<Match>,
     /// The suspect.

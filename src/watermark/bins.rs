@@ -1,9 +1,9 @@
-//! Frame, lattice and bins: which vertex norms carry which bit (paper eq. 4-8, 12).
+//! Frame, bin layout and bins: which vertex norms carry which bit (paper eq. 4-8, 12).
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::codeword::LATTICE_CLASSES;
+use super::codeword::LAYOUT_CLASSES;
 use super::{BitCount, Modulation};
 use crate::mesh::powers::squared;
 
@@ -56,15 +56,15 @@ pub fn norms(positions: &[DVec3], centre: DVec3) -> Vec<f64> {
     positions.par_iter().with_min_len(BLOCK).map(|&v| (v - centre).length()).collect()
 }
 
-/// The share of the radial extent that a lattice class trims at either end.
+/// The share of the radial extent that a layout class trims at either end.
 #[must_use]
 pub fn trimmed_share(class: u8) -> f64 {
-    LARGEST_EPS * (f64::from(class) + 0.5) / LATTICE_CLASSES as f64
+    LARGEST_EPS * (f64::from(class) + 0.5) / LAYOUT_CLASSES as f64
 }
 
 /// Where the bins lie: `bins` intervals of `width`, the first from `start`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Lattice {
+pub struct BinLayout {
     /// Lower end of the first bin.
     pub start: f64,
     /// Width of every bin.
@@ -73,8 +73,8 @@ pub struct Lattice {
     pub bins: usize,
 }
 
-impl Lattice {
-    /// The lattice of a class in a frame: `eps = 0.15 (k + 1/2) / 256`, `start = rho_min + eps R`,
+impl BinLayout {
+    /// The bin layout of a class in a frame: `eps = 0.15 (k + 1/2) / 256`, `start = rho_min + eps R`,
     /// `width = (1 - 2 eps) R / M`. (Eqs. 5-7 print `|O| eps` with `|O|` a vertex count; only
     /// `eps R` has the right unit, and it reproduces the paper's Table 1.)
     ///
@@ -93,7 +93,7 @@ impl Lattice {
         })
     }
 
-    /// The bin of a norm and its place in the bin, `t` in [0, 1); `None` outside the lattice.
+    /// The bin of a norm and its place in the bin, `t` in [0, 1); `None` outside the bin layout.
     #[must_use]
     pub fn locate(&self, rho: f64) -> Option<(usize, f64)> {
         let x = (rho - self.start) / self.width;
@@ -142,10 +142,10 @@ pub fn contribution(modulation: Modulation, t: f64) -> f64 {
 
 /// The statistics of all bins (paper eq. 8 and 12), the same bits on any number of threads.
 #[must_use]
-pub fn statistics(norms: &[f64], lattice: &Lattice, modulation: Modulation) -> Vec<BinStatistic> {
+pub fn statistics(norms: &[f64], layout: &BinLayout, modulation: Modulation) -> Vec<BinStatistic> {
     let block = |block: &[f64]| {
-        let mut sums = vec![BinStatistic::default(); lattice.bins];
-        for (bin, t) in block.iter().filter_map(|&rho| lattice.locate(rho)) {
+        let mut sums = vec![BinStatistic::default(); layout.bins];
+        for (bin, t) in block.iter().filter_map(|&rho| layout.locate(rho)) {
             if let Some(sum) = sums.get_mut(bin) {
                 sum.count += 1;
                 sum.value += contribution(modulation, t);
@@ -154,7 +154,7 @@ pub fn statistics(norms: &[f64], lattice: &Lattice, modulation: Modulation) -> V
         sums
     };
     let blocks: Vec<_> = norms.par_chunks(BLOCK).map(block).collect();
-    let mut total = vec![BinStatistic::default(); lattice.bins];
+    let mut total = vec![BinStatistic::default(); layout.bins];
     for part in &blocks {
         for (sum, part) in total.iter_mut().zip(part) {
             sum.count += part.count;
@@ -178,15 +178,15 @@ mod tests {
     #[test]
     fn bins_tile_the_trimmed_range() {
         for class in [0, 17, 255] {
-            let lattice = Lattice::new(&frame(), class, BitCount::default()).unwrap();
+            let layout = BinLayout::new(&frame(), class, BitCount::default()).unwrap();
             let eps = 0.15 * (f64::from(class) + 0.5) / 256.0;
-            assert!((lattice.start - (2.0 + 4.0 * eps)).abs() < 1e-15);
-            let end = lattice.start + 64.0 * lattice.width;
+            assert!((layout.start - (2.0 + 4.0 * eps)).abs() < 1e-15);
+            let end = layout.start + 64.0 * layout.width;
             assert!((end - (6.0 - 4.0 * eps)).abs() < 1e-12);
-            assert_eq!(lattice.locate(lattice.start - 1e-9), None);
-            assert_eq!(lattice.locate(end + 1e-9), None);
+            assert_eq!(layout.locate(layout.start - 1e-9), None);
+            assert_eq!(layout.locate(end + 1e-9), None);
             for bin in 0..64 {
-                let (found, t) = lattice.locate(lattice.norm_at(bin, 0.25)).unwrap();
+                let (found, t) = layout.locate(layout.norm_at(bin, 0.25)).unwrap();
                 assert_eq!(found, bin);
                 assert!((t - 0.25).abs() < 1e-9);
             }
@@ -194,21 +194,21 @@ mod tests {
     }
 
     #[test]
-    fn no_extent_no_lattice() {
+    fn no_extent_no_layout() {
         let point = Frame { rho_max: 2.0, ..frame() };
-        assert_eq!(Lattice::new(&point, 3, BitCount::default()), None);
+        assert_eq!(BinLayout::new(&point, 3, BitCount::default()), None);
         let empty = Frame::spanning(DVec3::ZERO, &[]);
-        assert_eq!(Lattice::new(&empty, 3, BitCount::default()), None);
+        assert_eq!(BinLayout::new(&empty, 3, BitCount::default()), None);
     }
 
     #[test]
     fn even_norms_are_neutral() {
-        let lattice = Lattice::new(&frame(), 9, BitCount::new(16).unwrap()).unwrap();
+        let layout = BinLayout::new(&frame(), 9, BitCount::new(16).unwrap()).unwrap();
         let norms: Vec<f64> = (0..160_000)
-            .map(|i| lattice.start + (f64::from(i) + 0.5) * lattice.width / 1e4)
+            .map(|i| layout.start + (f64::from(i) + 0.5) * layout.width / 1e4)
             .collect();
         for modulation in [Modulation::Mean, Modulation::Variance] {
-            for bin in statistics(&norms, &lattice, modulation) {
+            for bin in statistics(&norms, &layout, modulation) {
                 assert_eq!(bin.count, 10_000);
                 assert!((bin.value - modulation.neutral()).abs() < 1e-7);
             }

@@ -1,4 +1,4 @@
-//! How much margin each bin gets: cheap bins more, dear bins less, the sum as asked.
+//! How much margin each bin gets: cheap bins more, expensive bins less, the sum as asked.
 //!
 //! Where norms crowd (a cylinder of a gear, the flat end of a hammer) one or two of 64 bins need
 //! all their vertices moved far and would make nearly all of the distortion (measured: 97 % on the

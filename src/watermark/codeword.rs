@@ -12,8 +12,8 @@ use zeroize::{Zeroize, ZeroizeOnDrop};
 
 use super::{BitCount, WatermarkError};
 
-/// Number of lattice classes: how many values the trimmed share eps can take.
-pub const LATTICE_CLASSES: usize = 256;
+/// Number of layout classes: how many values the trimmed share eps can take.
+pub const LAYOUT_CLASSES: usize = 256;
 
 /// The 32-byte secret of one mark, derived from the service's master key. Shown by nothing and
 /// wiped when dropped.
@@ -131,8 +131,8 @@ impl Message {
 /// whitening.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Schedule {
-    /// The lattice class k; the trimmed share is `0.15 (k + 1/2) / 256`.
-    pub lattice_class: u8,
+    /// The layout class k; the trimmed share is `0.15 (k + 1/2) / 256`.
+    pub layout_class: u8,
     /// Per message bit, the bin that carries it.
     pub bin_of_bit: Vec<usize>,
     /// Per bin, whether its bit is inverted. Makes the codeword uniform whatever the message.
@@ -144,7 +144,7 @@ impl Schedule {
     #[must_use]
     pub fn new(key: &MarkKey, bits: BitCount) -> Self {
         let mut stream = ChaCha20Rng::from_seed(key.0);
-        let lattice_class = stream.next_u32().to_le_bytes()[0];
+        let layout_class = stream.next_u32().to_le_bytes()[0];
         let mut bin_of_bit: Vec<usize> = (0..bits.get()).collect();
         // Fisher-Yates from the end.
         for last in (1..bin_of_bit.len()).rev() {
@@ -159,7 +159,7 @@ impl Schedule {
                 word >> (bin % 32) & 1 == 1
             })
             .collect();
-        Self { lattice_class, bin_of_bit, whitening }
+        Self { layout_class, bin_of_bit, whitening }
     }
 }
 
@@ -179,7 +179,7 @@ fn below(stream: &mut ChaCha20Rng, bound: usize) -> usize {
 /// The M bits as the bins carry them: permuted and whitened by the mark key.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Codeword {
-    lattice_class: u8,
+    layout_class: u8,
     bits: Vec<bool>,
 }
 
@@ -201,32 +201,32 @@ impl Codeword {
                 *carried ^= bit;
             }
         }
-        Self { lattice_class: schedule.lattice_class, bits: codeword }
+        Self { layout_class: schedule.layout_class, bits: codeword }
     }
 
     /// All bins alike: what the matched filter asks a host about. No mark carries it.
     #[must_use]
-    pub fn uniform(lattice_class: u8, bits: BitCount, bit: bool) -> Self {
-        Self { lattice_class, bits: vec![bit; bits.get()] }
+    pub fn uniform(layout_class: u8, bits: BitCount, bit: bool) -> Self {
+        Self { layout_class, bits: vec![bit; bits.get()] }
     }
 
     /// What stands for any codeword where something about a host must not depend on one: fixed bits that
-    /// look random, on a fixed lattice. `number` names one of several. No mark carries them.
+    /// look random, on a fixed bin layout. `number` names one of several. No mark carries them.
     ///
-    /// The lattices are a sixth and half of the way from the widest bins to the narrowest. The widest of
+    /// The bin layouts are a sixth and half of the way from the widest bins to the narrowest. The widest of
     /// all are untypical: their last bins hold the few vertices at the ends of the radial range and cost
     /// up to three times as much with one codeword as with another.
     #[must_use]
     pub fn probe(bits: BitCount, number: u8) -> Self {
         let fixed = MarkKey([0x70_u8.wrapping_add(number); 32]);
-        let lattice_class = if number.is_multiple_of(2) { 43 } else { 128 };
-        Self { lattice_class, bits: std::mem::take(&mut Schedule::new(&fixed, bits).whitening) }
+        let layout_class = if number.is_multiple_of(2) { 43 } else { 128 };
+        Self { layout_class, bits: std::mem::take(&mut Schedule::new(&fixed, bits).whitening) }
     }
 
     /// Where the bins lie.
     #[must_use]
-    pub fn lattice_class(&self) -> u8 {
-        self.lattice_class
+    pub fn layout_class(&self) -> u8 {
+        self.layout_class
     }
 
     /// How many bins.

@@ -88,7 +88,7 @@ pub struct Embedding {
 /// A mesh on which the allocation of an `exact` method does not settle is embedded with the
 /// paper's placement of the same modulation instead, so that it accepts whatever `qsp` accepts;
 /// [`Embedding::method`] says so, and a reader sees no difference. It happens to one in 200 weak
-/// marks (strength 0.02 and less) of 256 bits: the budget leaves a dear bin a quarter of the margin, and
+/// marks (strength 0.02 and less) of 256 bits: the budget leaves an expensive bin a quarter of the margin, and
 /// its corrections, which are bounded by that, are less than what a vertex takes that strays over an edge.
 ///
 /// # Errors

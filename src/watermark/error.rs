@@ -47,7 +47,7 @@ pub enum WatermarkError {
         bits: usize,
         /// Carrier vertices of the mesh.
         vertices: usize,
-        /// Carrier vertices inside the lattice.
+        /// Carrier vertices inside the bin layout.
         in_bins: usize,
         /// Vertices of the poorest bin.
         least_count: usize,

@@ -1,14 +1,14 @@
 //! Blind reading: bits from a mesh and its mark key alone, with no expectation of what they are
 //! (paper section 4, eq. 21-22).
 
-use super::bins::{BinStatistic, Frame, Lattice, norms, statistics};
+use super::bins::{BinLayout, BinStatistic, Frame, norms, statistics};
 use super::codeword::Schedule;
 use super::{BitCount, MarkKey, Message, Modulation, WatermarkError};
 use crate::mesh::Mesh;
 use crate::mesh::stop::{Stop, go_on, never};
 use crate::mesh::surface::Surface;
 
-/// The bins of a surface as one lattice sees them.
+/// The bins of a surface as one bin layout sees them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     /// The frame that was assumed.
@@ -29,8 +29,8 @@ impl Reading {
         bits: BitCount,
         modulation: Modulation,
     ) -> Option<Self> {
-        let lattice = Lattice::new(&frame, class, bits)?;
-        Some(Self { frame, statistics: statistics(norms, &lattice, modulation), modulation })
+        let layout = BinLayout::new(&frame, class, bits)?;
+        Some(Self { frame, statistics: statistics(norms, &layout, modulation), modulation })
     }
 
     /// How far a bin's statistic is above neutral; negative below. `None` for an erasure.
@@ -46,7 +46,7 @@ impl Reading {
         self.deviation(bin).map(|d| if bit { d } else { -d })
     }
 
-    /// Vertices inside the lattice.
+    /// Vertices inside the bin layout.
     #[must_use]
     pub fn vertices_in_bins(&self) -> usize {
         self.statistics.iter().map(|s| s.count).sum()
@@ -70,8 +70,8 @@ pub struct Extraction {
     pub counts: Vec<usize>,
     /// The suspect's own frame.
     pub frame: Frame,
-    /// The key's lattice class.
-    pub lattice_class: u8,
+    /// The key's layout class.
+    pub layout_class: u8,
 }
 
 impl Extraction {
@@ -125,7 +125,7 @@ pub fn extract_until(
     let norms = norms(&surface.positions, centre);
     go_on(stop).ok_or(WatermarkError::Cancelled)?;
     let frame = Frame::spanning(centre, &norms);
-    let reading = Reading::in_frame(frame, &norms, schedule.lattice_class, bits, modulation)
+    let reading = Reading::in_frame(frame, &norms, schedule.layout_class, bits, modulation)
         .ok_or(WatermarkError::NoRadialExtent { vertices: surface.positions.len() })?;
     let of_bit = |&bin: &usize| {
         let whitened = schedule.whitening.get(bin).copied().unwrap_or_default();
@@ -140,7 +140,7 @@ pub fn extract_until(
         margins: Vec::with_capacity(bits.get()),
         counts: Vec::with_capacity(bits.get()),
         frame,
-        lattice_class: schedule.lattice_class,
+        layout_class: schedule.layout_class,
     };
     for (bit, margin, count) in schedule.bin_of_bit.iter().map(of_bit) {
         found.bits.push(bit);

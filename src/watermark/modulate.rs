@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::allocation::{Allocation, Freedom};
-use super::bins::{Lattice, contribution};
+use super::bins::{BinLayout, contribution};
 use super::budget::margins;
 use super::compliance::Pliancy;
 use super::guard::Stiffness;
@@ -84,20 +84,20 @@ impl<'a> Modulator<'a> {
     pub fn modulate(
         &self,
         rho: &[f64],
-        lattice: &Lattice,
+        layout: &BinLayout,
         state: &mut State,
         stop: Stop<'_>,
     ) -> Option<Modulated> {
-        let sorted = SortedByBin::new(rho, lattice, &self.fixed, &state.memory, stop)?;
+        let sorted = SortedByBin::new(rho, layout, &self.fixed, &state.memory, stop)?;
         if self.params.closed_loop {
             state.memory.keep(&sorted, rho.len());
         }
         let strength = self.params.strength.get();
         let (freedoms, wanted) = match self.params.method.shaping() {
-            Shaping::PowerMap => (Vec::new(), vec![strength; lattice.bins]),
+            Shaping::PowerMap => (Vec::new(), vec![strength; layout.bins]),
             Shaping::Allocation => {
                 let freedoms = self.freedoms(&sorted, &state.stiffness, stop)?;
-                let bins = (0..lattice.bins).map(|bin| self.allocation(&sorted, &freedoms, bin));
+                let bins = (0..layout.bins).map(|bin| self.allocation(&sorted, &freedoms, bin));
                 let bins: Vec<_> = bins.collect();
                 let wanted = margins(&bins, self.codeword.bits(), strength, stop);
                 (freedoms, wanted)
@@ -128,7 +128,7 @@ impl<'a> Modulator<'a> {
             })
             .collect();
         go_on(stop)?;
-        let norms = self.new_norms(rho, lattice, &sorted, &places, &moved);
+        let norms = self.new_norms(rho, layout, &sorted, &places, &moved);
         Some(Modulated { norms, wanted })
     }
 
@@ -149,7 +149,7 @@ impl<'a> Modulator<'a> {
     fn new_norms(
         &self,
         rho: &[f64],
-        lattice: &Lattice,
+        layout: &BinLayout,
         sorted: &SortedByBin,
         places: &[f64],
         moved: &[bool],
@@ -164,7 +164,7 @@ impl<'a> Modulator<'a> {
                     // The allocation's own ranges keep clear of the edges.
                     let keep = if power_map || strayed { edge } else { 0.0 };
                     let place = t.clamp(keep, 1.0 - keep);
-                    new_rho[sorted.carriers[k] as usize] = lattice.norm_at(bin, place);
+                    new_rho[sorted.carriers[k] as usize] = layout.norm_at(bin, place);
                 }
             }
         }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::bins::{Frame, Lattice, norms};
+use super::bins::{BinLayout, Frame, norms};
 use super::compliance::pliancies;
 use super::extract::Reading;
 use super::guard::{Guard, Moves};
@@ -90,7 +90,7 @@ impl<'a> Passes<'a> {
     pub fn read(&self, centre: DVec3, norms: &[f64]) -> Option<Reading> {
         let Modulator { codeword, params, .. } = self.modulator;
         let frame = Frame::spanning(centre, norms);
-        let (class, bits) = (codeword.lattice_class(), codeword.bit_count());
+        let (class, bits) = (codeword.layout_class(), codeword.bit_count());
         Reading::in_frame(frame, norms, class, bits, params.method.modulation())
     }
 
@@ -109,9 +109,9 @@ impl<'a> Passes<'a> {
         let codeword = self.modulator.codeword;
         let rho = norms(&surface.positions, centre);
         let frame = Frame::spanning(centre, &rho);
-        let lattice = Lattice::new(&frame, codeword.lattice_class(), codeword.bit_count())
+        let layout = BinLayout::new(&frame, codeword.layout_class(), codeword.bit_count())
             .ok_or(WatermarkError::NoRadialExtent { vertices: rho.len() })?;
-        let modulated = self.modulator.modulate(&rho, &lattice, state, stop);
+        let modulated = self.modulator.modulate(&rho, &layout, state, stop);
         let mut modulated = modulated.ok_or(cancelled.clone())?;
         let placed = self.place(centre, &rho, &mut modulated, state, stop);
         let placed = placed.ok_or(cancelled.clone())?;

@@ -1,11 +1,11 @@
 //! The radial profile of a suspect: its norms about one centre, sorted, with prefix sums, so that
-//! the statistics of all bins of any lattice cost 2 M binary searches whatever the mesh size.
+//! the statistics of all bins of any bin layout cost 2 M binary searches whatever the mesh size.
 //!
-//! Must not know how centres and lattices are chosen.
+//! Must not know how centres and bin layouts are chosen.
 
 use glam::DVec3;
 
-use super::bins::{BinStatistic, Frame, Lattice, norms};
+use super::bins::{BinLayout, BinStatistic, Frame, norms};
 use super::{BitCount, Modulation, SoftBits};
 use crate::mesh::stop::{STEP, Stop, go_on, sorted, unstopped};
 
@@ -77,14 +77,14 @@ impl Profile {
         &self.sorted
     }
 
-    /// The statistics of all bins of a lattice.
+    /// The statistics of all bins of a bin layout.
     #[must_use]
-    pub fn statistics(&self, lattice: &Lattice, modulation: Modulation) -> Vec<BinStatistic> {
+    pub fn statistics(&self, layout: &BinLayout, modulation: Modulation) -> Vec<BinStatistic> {
         let below = |rho: f64| self.sorted.partition_point(|&norm| norm < rho);
-        let mut low = below(lattice.norm_at(0, 0.0));
-        (0..lattice.bins)
+        let mut low = below(layout.norm_at(0, 0.0));
+        (0..layout.bins)
             .map(|bin| {
-                let high = below(lattice.norm_at(bin, 1.0)).max(low);
+                let high = below(layout.norm_at(bin, 1.0)).max(low);
                 let count = high - low;
                 let [first, second] =
                     std::array::from_fn(|k| self.sums[high][k] - self.sums[low][k]);
@@ -95,13 +95,13 @@ impl Profile {
                 let n = count as f64;
                 let value = match modulation {
                     Modulation::Mean => {
-                        let start = lattice.norm_at(bin, 0.0) - self.middle;
-                        (first / n - start) / lattice.width
+                        let start = layout.norm_at(bin, 0.0) - self.middle;
+                        (first / n - start) / layout.width
                     }
                     Modulation::Variance => {
-                        let centre = lattice.norm_at(bin, 0.5) - self.middle;
+                        let centre = layout.norm_at(bin, 0.5) - self.middle;
                         let squares = second / n - 2.0 * centre * first / n + centre * centre;
-                        4.0 * squares / (lattice.width * lattice.width)
+                        4.0 * squares / (layout.width * layout.width)
                     }
                 };
                 BinStatistic { count, value }
@@ -109,28 +109,28 @@ impl Profile {
             .collect()
     }
 
-    /// How far the statistics of a lattice class are above neutral in this frame, `None` for
+    /// How far the statistics of a layout class are above neutral in this frame, `None` for
     /// erasures.
     #[must_use]
     pub fn bins(&self, class: u8, bits: BitCount, modulation: Modulation) -> Vec<Option<f64>> {
-        let Some(lattice) = Lattice::new(&self.frame, class, bits) else {
+        let Some(layout) = BinLayout::new(&self.frame, class, bits) else {
             return vec![None; bits.get()];
         };
         let off = |s: &BinStatistic| (!s.is_erasure()).then_some(s.value - modulation.neutral());
-        self.statistics(&lattice, modulation).iter().map(off).collect()
+        self.statistics(&layout, modulation).iter().map(off).collect()
     }
 
-    /// The soft bits of one lattice.
+    /// The soft bits of one bin layout.
     #[must_use]
-    pub fn read_lattice(&self, lattice: &Lattice, modulation: Modulation) -> SoftBits {
-        SoftBits::new(&self.statistics(lattice, modulation), modulation)
+    pub fn read_layout(&self, layout: &BinLayout, modulation: Modulation) -> SoftBits {
+        SoftBits::new(&self.statistics(layout, modulation), modulation)
     }
 
-    /// The soft bits of a lattice class in this frame; all erasures where the frame has no extent.
+    /// The soft bits of a layout class in this frame; all erasures where the frame has no extent.
     #[must_use]
     pub fn read(&self, class: u8, bits: BitCount, modulation: Modulation) -> SoftBits {
-        match Lattice::new(&self.frame, class, bits) {
-            Some(lattice) => self.read_lattice(&lattice, modulation),
+        match BinLayout::new(&self.frame, class, bits) {
+            Some(layout) => self.read_layout(&layout, modulation),
             None => SoftBits::new(&vec![BinStatistic::default(); bits.get()], modulation),
         }
     }
@@ -150,9 +150,9 @@ mod tests {
         let norms = norms(&surface.positions, surface.centre());
         for class in [0, 100, 255] {
             for modulation in [Modulation::Mean, Modulation::Variance] {
-                let lattice = Lattice::new(&profile.frame, class, BitCount::default()).unwrap();
-                let direct = bins::statistics(&norms, &lattice, modulation);
-                for (a, b) in profile.statistics(&lattice, modulation).iter().zip(&direct) {
+                let layout = BinLayout::new(&profile.frame, class, BitCount::default()).unwrap();
+                let direct = bins::statistics(&norms, &layout, modulation);
+                for (a, b) in profile.statistics(&layout, modulation).iter().zip(&direct) {
                     assert_eq!(a.count, b.count);
                     assert!((a.value - b.value).abs() < 1e-9, "{a:?} {b:?}");
                 }

@@ -1,6 +1,6 @@
 //! Which carriers are in which bin, and in which they were the round before.
 
-use super::bins::Lattice;
+use super::bins::BinLayout;
 use crate::mesh::stop::{STEP, Stop, go_on, mapped};
 
 /// How far a carrier may stray from the bin of the round before, in bin widths.
@@ -18,7 +18,7 @@ pub struct BinMemory {
     pub trusted: bool,
 }
 
-/// A carrier outside the lattice.
+/// A carrier outside the bin layout.
 const NO_BIN: u16 = u16::MAX;
 
 impl BinMemory {
@@ -34,17 +34,17 @@ impl BinMemory {
     }
 
     /// The carrier's bin and place: the remembered bin while it is near, else its own.
-    fn locate(&self, carrier: usize, rho: f64, lattice: &Lattice) -> Option<Located> {
-        let own = || lattice.locate(rho).map(|(bin, t)| Located { bin, t, strayed: false });
+    fn locate(&self, carrier: usize, rho: f64, layout: &BinLayout) -> Option<Located> {
+        let own = || layout.locate(rho).map(|(bin, t)| Located { bin, t, strayed: false });
         let Some(&bin) = self.bins.get(carrier).filter(|_| self.trusted) else { return own() };
         if bin == NO_BIN {
-            // Outside the lattice, and near it.
-            let into = (rho - lattice.start) / lattice.width;
-            let near = into < LOYALTY || into > lattice.bins as f64 - LOYALTY;
+            // Outside the bin layout, and near it.
+            let into = (rho - layout.start) / layout.width;
+            let near = into < LOYALTY || into > layout.bins as f64 - LOYALTY;
             return if near { None } else { own() };
         }
         let bin = usize::from(bin);
-        let t = (rho - lattice.norm_at(bin, 0.0)) / lattice.width;
+        let t = (rho - layout.norm_at(bin, 0.0)) / layout.width;
         if !(-LOYALTY..1.0 + LOYALTY).contains(&t) {
             return own();
         }
@@ -62,7 +62,7 @@ struct Located {
     strayed: bool,
 }
 
-/// Movable carriers in the lattice, sorted by bin (a counting sort, stable by carrier).
+/// Movable carriers in the bin layout, sorted by bin (a counting sort, stable by carrier).
 #[derive(Debug)]
 pub struct SortedByBin {
     starts: Vec<usize>,
@@ -75,30 +75,30 @@ pub struct SortedByBin {
 }
 
 impl SortedByBin {
-    /// Sorts the carriers that are not `fixed` and lie in the lattice; `None` once `stop` answers
+    /// Sorts the carriers that are not `fixed` and lie in the bin layout; `None` once `stop` answers
     /// `true`.
     #[must_use]
     pub fn new(
         rho: &[f64],
-        lattice: &Lattice,
+        layout: &BinLayout,
         fixed: &[bool],
         memory: &BinMemory,
         stop: Stop<'_>,
     ) -> Option<Self> {
         let located = mapped(rho, stop, |carrier, &rho| {
-            if fixed[carrier] { None } else { memory.locate(carrier, rho, lattice) }
+            if fixed[carrier] { None } else { memory.locate(carrier, rho, layout) }
         })?;
-        let mut starts = vec![0_usize; lattice.bins + 1];
+        let mut starts = vec![0_usize; layout.bins + 1];
         for step in located.chunks(STEP) {
             go_on(stop)?;
             for located in step.iter().flatten() {
                 starts[located.bin + 1] += 1;
             }
         }
-        for bin in 0..lattice.bins {
+        for bin in 0..layout.bins {
             starts[bin + 1] += starts[bin];
         }
-        let total = starts[lattice.bins];
+        let total = starts[layout.bins];
         let (mut carriers, mut places) = (vec![0_u32; total], vec![0.0; total]);
         let mut strayed = vec![false; total];
         let mut next = starts.clone();

@@ -1,6 +1,6 @@
 //! A suspect: a surface, and what a blind reader sees of it.
 
-use super::bins::{BinStatistic, Frame, Lattice, norms, statistics};
+use super::bins::{BinLayout, BinStatistic, Frame, norms, statistics};
 use super::profile::Profile;
 use super::{BitCount, Modulation, SoftBits, WatermarkError};
 use crate::mesh::Mesh;
@@ -39,7 +39,7 @@ impl Suspect {
         }
     }
 
-    /// The soft bits of a lattice class in a known frame, in place: the frame's centre and range
+    /// The soft bits of a layout class in a known frame, in place: the frame's centre and range
     /// instead of its own. One pass over the norms; all erasures where the frame has no extent.
     #[must_use]
     pub fn read_in(
@@ -50,9 +50,9 @@ impl Suspect {
         modulation: Modulation,
     ) -> SoftBits {
         let norms = norms(&self.surface.positions, frame.centre);
-        let read = |lattice| statistics(&norms, &lattice, modulation);
+        let read = |layout| statistics(&norms, &layout, modulation);
         let none = || vec![BinStatistic::default(); bits.get()];
-        SoftBits::new(&Lattice::new(frame, class, bits).map_or_else(none, read), modulation)
+        SoftBits::new(&BinLayout::new(frame, class, bits).map_or_else(none, read), modulation)
     }
 
     /// The whole profile in a known frame; `None` once `stop` answers `true`.
@@ -85,7 +85,7 @@ impl Suspect {
         self.surface.positions.len()
     }
 
-    /// The soft bits of a lattice class in its own frame.
+    /// The soft bits of a layout class in its own frame.
     #[must_use]
     pub fn read(&self, class: u8, bits: BitCount, modulation: Modulation) -> SoftBits {
         self.profile.read(class, bits, modulation)

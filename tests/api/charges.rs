@@ -18,7 +18,7 @@ fn number(value: &Value) -> f64 {
 fn best(verdict: &Value) -> &Value {
     assert_eq!(verdict["verdict"], "match", "{verdict}");
     let best = &verdict["matches"][0];
-    let how = &best["how"];
+    let how = &best["evidence"];
     let counted = number(&how["counted"]) * number(&how["charged"]);
     let log10_fp = number(&how["log10_bound"]) + counted.log10();
     assert!((log10_fp - number(&best["log10_fp"])).abs() < 1e-9, "{verdict}");
@@ -42,7 +42,7 @@ async fn each_question_about_a_record_is_counted_and_charged() {
         let verdict = server.verify(form(question)).await;
         let found = best(&verdict);
         assert_eq!(
-            (&verdict["questions"], &found["how"]["questions"]),
+            (&verdict["questions"], &found["evidence"]["questions"]),
             (&question.into(), &question.into())
         );
         assert!(number(&found["log10_fp"]) > before, "{question}: {verdict}");
@@ -53,7 +53,7 @@ async fn each_question_about_a_record_is_counted_and_charged() {
     // The same file, asked about in the same way, is the same question.
     for question in [10, 3, 1, 8] {
         let again = server.verify(form(question)).await;
-        assert_eq!(best(&again)["how"]["questions"], question);
+        assert_eq!(best(&again)["evidence"]["questions"], question);
     }
     // Another's file is a question about it where it is named, and only there.
     let verdict = server.verify(file_form(obj())).await;
@@ -70,7 +70,7 @@ async fn each_question_about_a_record_is_counted_and_charged() {
     }
     let mut asked = BTreeSet::new();
     while let Some(verdict) = asking.join_next().await {
-        asked.insert(best(&verdict.unwrap())["how"]["questions"].as_u64().unwrap());
+        asked.insert(best(&verdict.unwrap())["evidence"]["questions"].as_u64().unwrap());
     }
     assert!(asked.into_iter().eq(12..=17), "none is lost, none is had twice");
 }
@@ -96,7 +96,7 @@ async fn a_directory_that_is_only_read_charges_the_next_question_and_counts_none
         let request = VerifyRequest { file: spooled, owner_id: None, watermark_id, depth };
         let verification = reader.verify(request).await.unwrap();
         assert_eq!(verification.questions, 1);
-        assert_eq!(verification.matches[0].how.as_ref().unwrap().questions, 1);
+        assert_eq!(verification.matches[0].evidence.as_ref().unwrap().questions, 1);
     }
     let verdict = server.verify(file_form(&file).text("watermark_id", id)).await;
     assert_eq!(verdict["questions"], 1);
@@ -128,7 +128,7 @@ async fn marks_that_were_refused_are_charged_to_the_next_of_their_host_and_owner
     let all = 1 + most_tries(SALTS);
     for (file, tries) in [(&file, all), (&next, 1), (&other, 1)] {
         let verdict = server.verify(file_form(file)).await;
-        let how = &best(&verdict)["how"];
+        let how = &best(&verdict)["evidence"];
         assert_eq!(how["tries"], tries, "{verdict}");
         assert_eq!(number(&how["charged"]) > 100.0, tries == all, "{verdict}");
     }
@@ -144,7 +144,7 @@ async fn who_registers_many_and_revokes_most_gains_nothing() {
     let (id, file) = marks.pop().unwrap();
     let ask = async |name: &'static str, value: &str| {
         let verdict = server.verify(file_form(&file).text(name, value.to_owned())).await;
-        best(&verdict)["how"]["siblings"].as_u64().unwrap()
+        best(&verdict)["evidence"]["siblings"].as_u64().unwrap()
     };
     // By its id it is one of four; by its owner all four are hypotheses anyhow.
     assert_eq!(ask("watermark_id", &id).await, 4);
@@ -156,5 +156,5 @@ async fn who_registers_many_and_revokes_most_gains_nothing() {
     }
     assert_eq!(ask("watermark_id", &id).await, 4);
     let verdict = server.verify(file_form(&file)).await;
-    assert_eq!(best(&verdict)["how"]["siblings"], 4);
+    assert_eq!(best(&verdict)["evidence"]["siblings"], 4);
 }

@@ -137,7 +137,7 @@ async fn of_two_marks_one_over_the_other_both_are_found() {
         assert!(found.contains(&first.as_str()) && found.contains(&second.as_str()), "{verdict}");
         // The older one is read itself, or known by the newer one's record.
         for found in verdict["matches"].as_array().unwrap() {
-            let under = &found["under"];
+            let under = &found["overmarked_by"];
             assert!(under.is_null() || (*under == *second && found["watermark_id"] == *first));
         }
         let third = mark_with(&server, &file, &[owner("third")]).await;
@@ -218,7 +218,7 @@ async fn an_overwritten_mark_is_found_for_its_owner_alone() {
         for (field, value) in [("owner_id", "acme"), ("watermark_id", first.as_str())] {
             let verdict = server.verify(file_form(&over).text(field, value.to_owned())).await;
             assert_eq!(matches(&verdict), [first.as_str()], "{sample}: {verdict}");
-            let under = &verdict["matches"][0]["under"];
+            let under = &verdict["matches"][0]["overmarked_by"];
             assert!(under.is_null() || *under == *second, "{sample}: {verdict}");
         }
         let (_, other) = server.mark(&large(Sample::Gear), "somebody").await;

@@ -92,7 +92,7 @@ async fn a_part_is_recognised_in_place_when_its_mark_is_named() {
 
 /// The stages that ran.
 fn stages(verdict: &Value) -> Vec<&str> {
-    let tried = verdict["tried"].as_array().unwrap();
+    let tried = verdict["stages"].as_array().unwrap();
     tried.iter().map(|stage| stage["stage"].as_str().unwrap()).collect()
 }
 
@@ -106,21 +106,21 @@ async fn an_answer_explains_itself() {
     let server = Server::start().await;
     let (id, file) = server.mark(obj(), "acme").await;
     server.mark(other_obj(), "other").await;
-    for (suspect, stage) in [(file.clone(), "blind"), (with_a_stray(&file), "near_lattices")] {
+    for (suspect, stage) in [(file.clone(), "blind"), (with_a_stray(&file), "layout_search_near")] {
         let verdict = server.verify(file_form(&suspect)).await;
         assert_eq!(verdict["verdict"], "match", "{verdict}");
         assert_eq!(verdict["depth"], "standard");
         let found = &verdict["matches"][0];
         assert_eq!(found["watermark_id"], id.as_str());
-        let how = &found["how"];
+        let how = &found["evidence"];
         let number = |name: &str| how[name].as_f64().unwrap();
         assert_eq!(how["stage"], stage);
         let whole = |name: &str| how[name].as_u64().unwrap();
         assert_eq!(whole("bits_read") + whole("erasures"), 64);
         assert_eq!(how["weights"].as_array().unwrap().len(), 64);
-        let tried = verdict["tried"].as_array().unwrap();
+        let tried = verdict["stages"].as_array().unwrap();
         let own = tried.iter().find(|tried| tried["stage"] == stage).unwrap();
-        let counted = own["hypotheses"].as_f64().unwrap() / own["share"].as_f64().unwrap();
+        let counted = own["hypotheses"].as_f64().unwrap() / own["error_share"].as_f64().unwrap();
         assert!((number("counted") - counted).abs() < 1e-9);
         let log10_fp = number("log10_bound") + (counted * number("charged")).log10();
         assert!((found["log10_fp"].as_f64().unwrap() - log10_fp).abs() < 1e-9);
@@ -134,21 +134,28 @@ async fn a_depth_says_what_is_tried() {
     let server = Server::start().await;
     let (id, _) = server.mark(obj(), "acme").await;
     for (depth, tried) in [
-        ("fast", vec!["blind", "near_lattices"]),
+        ("fast", vec!["blind", "layout_search_near"]),
         (
             "standard",
-            vec!["blind", "in_place", "near_lattices", "lattices", "host_frames", "relief"],
+            vec![
+                "blind",
+                "in_place",
+                "layout_search_near",
+                "layout_search",
+                "host_frame",
+                "relief",
+            ],
         ),
         (
             "exhaustive",
             vec![
                 "blind",
                 "in_place",
-                "near_lattices",
-                "lattices",
-                "host_frames",
+                "layout_search_near",
+                "layout_search",
+                "host_frame",
                 "relief",
-                "wide_lattices",
+                "layout_search_wide",
             ],
         ),
     ] {

@@ -70,7 +70,7 @@ fn assert_found(verdict: &Value, id: &str, frame: &str, what: &str) {
     assert_eq!(verdict["verdict"], "match", "{what}: {verdict}");
     let best = &verdict["matches"][0];
     assert_eq!((&best["watermark_id"], &best["frame"]), (&id.into(), &frame.into()), "{what}");
-    let how = &best["how"];
+    let how = &best["evidence"];
     let counted = how["counted"].as_f64().unwrap() * how["charged"].as_f64().unwrap();
     let fp = how["log10_bound"].as_f64().unwrap() + counted.log10();
     assert!((fp - best["log10_fp"].as_f64().unwrap()).abs() < 1e-9, "{what}: {verdict}");
@@ -90,7 +90,7 @@ async fn parts_and_wrecks_are_recognised_without_being_named_also_after_a_restar
         let wild = noisy(&file, 0.015);
         let verdict = server.verify(file_form(&wild)).await;
         assert_found(&verdict, &id, "in_place", "noise of 1.5 %, order kept");
-        assert_eq!(verdict["matches"][0]["how"]["stage"], "matched_filter");
+        assert_eq!(verdict["matches"][0]["evidence"]["stage"], "matched_filter");
         // Fast looks at no host.
         let fast = server.verify(file_form(&gone).text("depth", "fast")).await;
         assert_eq!(fast["verdict"], "no_match", "{fast}");

@@ -92,7 +92,7 @@ async fn marks_survive_a_new_surface_and_fragments() {
     }
     let remeshed = attacked(&file, &[Attack::Remesh(0.5), Attack::Similarity]);
     let verdict = server.verify(file_form(&to_glb(&remeshed))).await;
-    let how = &verdict["matches"][0]["how"];
+    let how = &verdict["matches"][0]["evidence"];
     assert_eq!(how["stage"], "relief", "{how}");
     assert_eq!(how["weights"], Value::Array(Vec::new()), "{how}");
 }
@@ -155,7 +155,7 @@ async fn layers_are_as_asked_and_a_retry_makes_the_same_bytes() {
         assert_eq!(record["amplitude"].is_null(), layers == "blind", "{record}");
         let verdict = server.verify(file_form(&file)).await;
         assert_found(&verdict, &record, layers);
-        let stage = &verdict["matches"][0]["how"]["stage"];
+        let stage = &verdict["matches"][0]["evidence"]["stage"];
         match layers {
             "relief" => assert_eq!(stage, "relief", "{verdict}"),
             "blind" => assert_ne!(stage, "relief", "{verdict}"),

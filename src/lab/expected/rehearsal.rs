@@ -86,6 +86,6 @@ fn bound(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Option<f64> {
     let suspect = Suspect::new_until(suspect, stop).ok()?;
-    let read: SoftBits = suspect.read(codeword.lattice_class(), bits, modulation);
+    let read: SoftBits = suspect.read(codeword.layout_class(), bits, modulation);
     Some(read.log10_bound(read.score(codeword).t))
 }

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use super::super::ServiceError;
 use super::super::verdict::{FrameName, StageName};
-use super::ladder::{Case, Stage, Tried};
-use super::lattices::stricter;
+use super::cascade::{Case, Stage, Tried};
+use super::layouts::stricter;
 use crate::watermark::{GroupKey, Hypothesis, Worth};
 
 pub(super) struct Blind;

@@ -2,12 +2,12 @@
 //!
 //! The probability that any of many wrong hypotheses scores so high is at most the sum of theirs
 //! (union bound). The sum is split beforehand: each stage has a fixed share of it, the shares add
-//! up to at most 1, and within its share a stage counts all that it scored (`at_home` splits its share
+//! up to at most 1, and within its share a stage counts all that it scored (`host_search` splits its share
 //! further). So
 //! `log10_fp = log10_bound + log10(hypotheses of the stage / share of the stage)` holds whichever
-//! stages ran and whenever the ladder was left: a stage that looks at few records is not drowned by
+//! stages ran and whenever the cascade was left: a stage that looks at few records is not drowned by
 //! one that looked at a million, and looking at the verdict between stages needs no further
-//! correction, as it would with one count for all (each look would be another chance to be wrong).
+//! correction, as it would with one count for all (each pose hypothesis would be another chance to be wrong).
 //!
 //! Nothing here may depend on what was found.
 
@@ -17,13 +17,13 @@ use super::super::verdict::StageName;
 pub(super) fn share(stage: StageName) -> f64 {
     match stage {
         // Plain copies have decades to spare.
-        StageName::Blind | StageName::InPlace | StageName::Lattices => 0.0625,
+        StageName::Blind | StageName::InPlace | StageName::LayoutSearch => 0.0625,
         // The marks that are hardest to read end here: smoothed copies whose host is not kept; new
         // tessellations, fragments, crowds.
-        StageName::NearLattices | StageName::Relief => 0.25,
-        StageName::HostFrames => 0.125,
+        StageName::LayoutSearchNear | StageName::Relief => 0.25,
+        StageName::HostFrame => 0.125,
         StageName::MatchedFilter => 0.171_875,
-        StageName::WideLattices | StageName::LaterMarks => 0.007_812_5,
+        StageName::LayoutSearchWide | StageName::Overmarks => 0.007_812_5,
     }
 }
 

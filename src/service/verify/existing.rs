@@ -1,4 +1,4 @@
-//! The marks of a host that is about to be marked: the cheap stages of the ladder, then the hosts that it
+//! The marks of a host that is about to be marked: the cheap stages of the cascade, then the hosts that it
 //! looks like, so that a copy of somebody's asset is found out although it was damaged past the blind
 //! reader.
 //!
@@ -9,9 +9,9 @@ use std::sync::Arc;
 use super::super::existing::Seen;
 use super::super::hosts::HostKey;
 use super::super::{Service, ServiceError};
+use super::cascade::{Cascade, Found};
 use super::charge::Charges;
-use super::ladder::{Climb, Found};
-use super::shortlist::{Listed, Place};
+use super::shortlist::{FetchedHost, Place};
 use super::{Begun, Depth};
 use crate::formats::Asset;
 use crate::jobs::{Memory, Slot, Stop};
@@ -21,7 +21,7 @@ use crate::watermark::{CodewordIndex, Suspect};
 pub(in super::super) struct Looking {
     suspect: Suspect,
     all: CodewordIndex,
-    climb: Climb,
+    cascade: Cascade,
     listed: Vec<Place>,
 }
 
@@ -39,19 +39,19 @@ impl Service {
             return Ok(None);
         }
         let begun = self.begin(host.mesh(), (None, Charges::default()), Depth::Fast, stop);
-        let Begun { suspect, all, climb, .. } = match begun {
+        let Begun { suspect, all, cascade, .. } = match begun {
             Ok(begun) => begun,
             // A surface that cannot be read cannot be marked either, and marking says why.
             Err(ServiceError::Watermark(_)) => return Ok(None),
             Err(error) => return Err(error),
         };
         let is_known = !self.hosts.records_of(HostKey::new(geometry)).is_empty();
-        let listed = if is_known || !climb.is_open() {
+        let listed = if is_known || !cascade.is_open() {
             Vec::new()
         } else {
             self.shortlist(&suspect, None, Depth::Standard, stop)?
         };
-        Ok(Some(Looking { suspect, all, climb, listed }))
+        Ok(Some(Looking { suspect, all, cascade, listed }))
     }
 
     /// The live marks that a host carries for certain (below the threshold of a match), best first, and
@@ -63,17 +63,17 @@ impl Service {
         geometry: &[u8; 32],
         looking: Looking,
     ) -> Result<Vec<Seen>, ServiceError> {
-        let Looking { suspect, all, mut climb, listed } = looking;
+        let Looking { suspect, all, mut cascade, listed } = looking;
         if !listed.is_empty() {
             let hosts = self.fetch(listed, None).await?;
-            let beyond = Memory::Beyond(hosts.iter().map(Listed::memory).sum());
+            let beyond = Memory::Beyond(hosts.iter().map(FetchedHost::memory).sum());
             let (service, host) = (self.clone(), host.clone());
-            climb = self
+            cascade = self
                 .pool
-                .run(slot, beyond, move |allowed| -> Result<Climb, ServiceError> {
+                .run(slot, beyond, move |allowed| -> Result<Cascade, ServiceError> {
                     let seen = (host.mesh(), &suspect, &all);
-                    service.visit(hosts, seen, Depth::Standard, allowed.stop(), &mut climb)?;
-                    Ok(climb)
+                    service.search(hosts, seen, Depth::Standard, allowed.stop(), &mut cascade)?;
+                    Ok(cascade)
                 })
                 .await??;
         }
@@ -82,7 +82,7 @@ impl Service {
             let Found { id, log10_fp, .. } = found;
             (log10_fp < certain).then_some(Seen { id, log10_fp })
         };
-        let mut marks: Vec<Seen> = climb.finish().found.into_iter().filter_map(seen).collect();
+        let mut marks: Vec<Seen> = cascade.finish().found.into_iter().filter_map(seen).collect();
         let earlier = self.hosts.records_of(HostKey::new(geometry));
         if let Some(&newest) = earlier.last() {
             let record = self.registry.record(newest).await?;

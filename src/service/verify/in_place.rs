@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::super::ServiceError;
 use super::super::known::codeword;
 use super::super::verdict::{FrameName, StageName};
+use super::cascade::{Case, MOST_MATCHES, Stage, Tried};
 use super::go_on;
-use super::ladder::{Case, MOST_MATCHES, Stage, Tried};
 use super::named::Named;
 use crate::keys::KeyRing;
 use crate::registry::Record;
@@ -45,7 +45,7 @@ impl Stage for InPlace {
 fn score(suspect: &Suspect, record: &Record, keys: &KeyRing) -> Result<Candidate, ServiceError> {
     let codeword = codeword(keys, &record.source())?;
     let modulation = record.method.modulation();
-    let soft = suspect.read_in(&record.frame, codeword.lattice_class(), record.bits, modulation);
+    let soft = suspect.read_in(&record.frame, codeword.layout_class(), record.bits, modulation);
     let score = soft.score(&codeword);
     Ok(Candidate {
         id: record.id.as_u128(),

@@ -5,12 +5,12 @@ use uuid::Uuid;
 use super::super::embed::now;
 use super::super::existing::either;
 use super::super::verdict::{
-    FileFacts, FrameFacts, How, Match, StageName, TriedStage, Verdict, Verification,
+    Evidence, FileFacts, FrameFacts, Match, StageName, StageRun, Verdict, Verification,
 };
 use super::super::{Service, ServiceError};
+use super::cascade::{Found, MOST_MATCHES};
 use super::charge::Charge;
 use super::count::share;
-use super::ladder::{Found, MOST_MATCHES};
 use super::{Depth, Searched};
 use crate::registry::{ExistingMark, Record};
 
@@ -26,13 +26,13 @@ impl Service {
         sha256: String,
     ) -> Result<Verification, ServiceError> {
         let thresholds = self.thresholds();
-        let on_host = searched.climbed.on_host;
+        let on_host = searched.outcome.on_host;
         let told = |record, found: &Found| Match {
             on_host: on_host.get(&found.id).copied(),
             ..named(record, found, thresholds.certain)
         };
         let mut matches = Vec::new();
-        let best = searched.climbed.found.into_iter().take(MOST_MATCHES).collect();
+        let best = searched.outcome.found.into_iter().take(MOST_MATCHES).collect();
         let (charged, questions) = self.charged(&searched.questions, best).await?;
         let worth = |found: &Found| found.log10_fp < thresholds.inconclusive;
         for found in charged.into_iter().filter(worth) {
@@ -75,11 +75,11 @@ impl Service {
             Some(_) => Verdict::Match,
             None => Verdict::NoMatch,
         };
-        let tried: Vec<TriedStage> = searched
-            .climbed
+        let stages: Vec<StageRun> = searched
+            .outcome
             .tried
             .into_iter()
-            .map(|(stage, hypotheses)| TriedStage { stage, hypotheses, share: share(stage) })
+            .map(|(stage, hypotheses)| StageRun { stage, hypotheses, error_share: share(stage) })
             .collect();
         Ok(Verification {
             id: Uuid::now_v7(),
@@ -89,8 +89,8 @@ impl Service {
             inconclusive_threshold_log10: thresholds.inconclusive,
             depth,
             questions,
-            hypotheses: tried.iter().map(|tried| tried.hypotheses).sum(),
-            tried,
+            hypotheses: stages.iter().map(|run| run.hypotheses).sum(),
+            stages,
             matches,
             file: FileFacts {
                 sha256,
@@ -129,7 +129,7 @@ impl Service {
                 label: record.label,
                 registered_at: record.created_at,
                 log10_fp: either(mark.log10_fp, over.log10_fp),
-                under: Some(over.watermark_id),
+                overmarked_by: Some(over.watermark_id),
                 ..over
             });
         }
@@ -142,7 +142,7 @@ fn named(record: Record, found: &Found, certain: f64) -> Match {
     let score = found.candidate.score;
     let hypothesis = &found.candidate.hypothesis;
     let signed = hypothesis.soft.signed_weights();
-    let how = How {
+    let evidence = Evidence {
         stage: found.stage,
         frame: FrameFacts {
             centre: hypothesis.frame.centre.to_array(),
@@ -173,9 +173,9 @@ fn named(record: Record, found: &Found, certain: f64) -> Match {
         log10_fp: found.log10_fp,
         bits_agreeing: score.bits_agreeing,
         bits_read: score.bits_read,
-        under: None,
+        overmarked_by: None,
         frame: found.frame,
         on_host: None,
-        how: (found.log10_fp < certain).then_some(how),
+        evidence: (found.log10_fp < certain).then_some(evidence),
     }
 }

@@ -2,21 +2,21 @@
 //!
 //! A verdict is a bound, not a feeling (invariant I4): `log10_fp` bounds the probability
 //! that a file which does not carry the mark scores so high, and every hypothesis that was scored
-//! is counted (`count`). Detectors are stages of a ladder (`ladder`), one file each, the cheap ones
-//! first; the dear ones run while the verdict is open. What a request names restricts what is
+//! is counted (`count`). Detectors are stages of a cascade (`cascade`), one file each, the cheap ones
+//! first; the expensive ones run while the verdict is open. What a request names restricts what is
 //! scored, and so what is counted.
 
-mod at_home;
 mod blind;
+mod cascade;
 mod charge;
 mod count;
 mod existing;
-mod homes;
+mod host_cache;
+mod host_search;
 mod in_place;
 mod judge;
-mod ladder;
-mod later;
-mod lattices;
+mod overmarks;
+mod layouts;
 mod named;
 mod questions;
 mod recipients;
@@ -40,15 +40,15 @@ use crate::mesh::Mesh;
 use crate::registration::Allowed;
 use crate::registry::StoredVerification;
 use crate::watermark::{CodewordIndex, Suspect};
-use at_home::{Housed, Visit, effort};
+use cascade::{Cascade, CascadeOutcome, Case, Found};
 pub(super) use charge::Charge;
 use charge::Charges;
-pub(super) use homes::Homes;
-use ladder::{Case, Climb, Climbed, Found};
-use later::later_marks;
+pub(super) use host_cache::HostCache;
+use host_search::{CandidateHost, HostSearch, effort};
+use overmarks::overmarks;
 use named::Named;
 use questions::Questions;
-use shortlist::{Listed, Place};
+use shortlist::{FetchedHost, Place};
 
 /// A suspect, and what it is compared with.
 #[derive(Debug)]
@@ -110,7 +110,7 @@ struct Searched {
     format: Format,
     vertices: usize,
     triangles: usize,
-    climbed: Climbed,
+    outcome: CascadeOutcome,
     looked_at: LookedAt,
     /// Marks that were not asked about: only what their records say of those that were counts.
     later: Vec<Found>,
@@ -131,7 +131,7 @@ struct Begun {
     /// All marks, and those that are asked about.
     all: CodewordIndex,
     marks: CodewordIndex,
-    climb: Climb,
+    cascade: Cascade,
     later: Vec<Found>,
     /// Hosts to look at; none when the verdict is clear or the depth does not ask for more.
     listed: Vec<Place>,
@@ -216,21 +216,21 @@ impl Service {
         if named.is_some() && marks.is_empty() {
             return Err(revoked_meanwhile());
         }
-        let mut climb = Climb::new(self.thresholds(), charges);
+        let mut cascade = Cascade::new(self.thresholds(), charges);
         let case = Case { suspect: &suspect, marks: &marks, named, keys: &self.keys, stop };
-        climb.run(&case, ladder::stages(depth))?;
+        cascade.run(&case, cascade::stages(depth))?;
         let others = depth != Depth::Fast && !marks.is_empty() && marks.len() < all.len();
-        let later = if others && climb.is_open() {
-            later_marks(&case, &all, self.thresholds(), &mut climb)?
+        let later = if others && cascade.is_open() {
+            overmarks(&case, &all, self.thresholds(), &mut cascade)?
         } else {
             Vec::new()
         };
-        let listed = if climb.is_open() && depth != Depth::Fast && !marks.is_empty() {
+        let listed = if cascade.is_open() && depth != Depth::Fast && !marks.is_empty() {
             self.shortlist(&suspect, named, depth, stop)?
         } else {
             Vec::new()
         };
-        Ok(Begun { suspect, all, marks, climb, later, listed })
+        Ok(Begun { suspect, all, marks, cascade, later, listed })
     }
 
     /// Looks at the hosts of the short list, if there is one, and climbs on.
@@ -242,16 +242,16 @@ impl Service {
         (named, questions): (Option<Arc<Named>>, Questions),
         depth: Depth,
     ) -> Result<Searched, ServiceError> {
-        let Begun { suspect, all, marks, mut climb, later, mut listed } = begun;
+        let Begun { suspect, all, marks, mut cascade, later, mut listed } = begun;
         let (vertices, triangles) = (mesh.positions().len(), mesh.triangles().len());
         let asked = named.clone();
-        let of = |climb: Climb, looked_at: LookedAt| {
-            let climbed = climb.finish();
+        let of = |cascade: Cascade, looked_at: LookedAt| {
+            let outcome = cascade.finish();
             Searched {
                 format,
                 vertices,
                 triangles,
-                climbed,
+                outcome,
                 looked_at,
                 later,
                 named: asked,
@@ -259,51 +259,54 @@ impl Service {
             }
         };
         if depth == Depth::Fast {
-            return Ok(of(climb, LookedAt::default()));
+            return Ok(of(cascade, LookedAt::default()));
         }
-        if let Some(found) = climb.best_match() {
+        if let Some(found) = cascade.best_match() {
             listed = Vec::from_iter(self.host_of(found.id).await?);
             if listed.is_empty() {
-                return Ok(of(climb, LookedAt::default()));
+                return Ok(of(cascade, LookedAt::default()));
             }
         }
         let hosts = self.fetch(listed, named.as_deref()).await?;
-        let looked_at =
-            LookedAt { hosts: hosts.len(), elements: hosts.iter().map(Listed::elements).sum() };
-        let beyond = Memory::Beyond(hosts.iter().map(Listed::memory).sum());
+        let looked_at = LookedAt {
+            hosts: hosts.len(),
+            elements: hosts.iter().map(FetchedHost::elements).sum(),
+        };
+        let beyond = Memory::Beyond(hosts.iter().map(FetchedHost::memory).sum());
         let service = self.clone();
-        let climb = self
+        let cascade = self
             .pool
-            .run(slot, beyond, move |allowed| -> Result<Climb, ServiceError> {
+            .run(slot, beyond, move |allowed| -> Result<Cascade, ServiceError> {
                 let stop = allowed.stop();
-                service.visit(hosts, (&mesh, &suspect, &all), depth, stop, &mut climb)?;
+                service.search(hosts, (&mesh, &suspect, &all), depth, stop, &mut cascade)?;
                 let named = named.as_deref();
                 let (suspect, marks, keys) = (&suspect, &marks, &service.keys);
                 let case = Case { suspect, marks, named, keys, stop };
-                climb.run(&case, ladder::late_stages(depth))?;
-                Ok(climb)
+                cascade.run(&case, cascade::late_stages(depth))?;
+                Ok(cascade)
             })
             .await??;
-        Ok(of(climb, looked_at))
+        Ok(of(cascade, looked_at))
     }
 }
 
 impl Service {
     /// On the pool: looks at hosts.
-    fn visit(
+    fn search(
         &self,
-        hosts: Vec<Listed>,
+        hosts: Vec<FetchedHost>,
         (mesh, suspect, all): (&Mesh, &Suspect, &CodewordIndex),
         depth: Depth,
         stop: &Stop,
-        climb: &mut Climb,
+        cascade: &mut Cascade,
     ) -> Result<(), ServiceError> {
-        let housed: Result<Vec<Option<Housed>>, ServiceError> =
-            hosts.into_iter().map(|listed| self.housed(listed, stop)).collect();
-        let hosts: Vec<Housed> = housed?.into_iter().flatten().collect();
-        let (keys, homes, hosts) = (&self.keys, &self.homes, hosts.as_slice());
+        let candidate_host: Result<Vec<Option<CandidateHost>>, ServiceError> =
+            hosts.into_iter().map(|listed| self.candidate_host(listed, stop)).collect();
+        let hosts: Vec<CandidateHost> = candidate_host?.into_iter().flatten().collect();
+        let (keys, host_cache, hosts) = (&self.keys, &self.host_cache, hosts.as_slice());
         let allowed = Allowed::of(effort(depth));
-        Visit { mesh, suspect, all, hosts, keys, homes, depth, allowed, stop }.run(climb)
+        HostSearch { mesh, suspect, all, hosts, keys, host_cache, depth, allowed, stop }
+            .run(cascade)
     }
 }
 

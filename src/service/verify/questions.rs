@@ -14,8 +14,8 @@ use uuid::Uuid;
 
 use super::super::{Service, ServiceError};
 use super::VerifyRequest;
+use super::cascade::Found;
 use super::charge::{Charge, Charges, NEARLY};
-use super::ladder::Found;
 use super::named::Named;
 
 /// What a verification asks about.

@@ -1,4 +1,4 @@
-//! The matched filter for the records of one host, from one look, one after the other.
+//! The matched filter for the records of one host, from one pose hypothesis, one after the other.
 //!
 //! What it is for beside the relief: of 20 suspects each (two keys, ten meshes), in place, it decides 19 of
 //! those with 6 or 5 bits a coordinate, 18 of those with noise of 2 %, and 2 to 4 of smoothed ones.
@@ -9,20 +9,20 @@ use std::sync::Arc;
 use super::super::ServiceError;
 use super::super::known::codeword;
 use super::super::verdict::{FrameName, StageName};
-use super::at_home::{Housed, Visit};
-use super::ladder::Climb;
+use super::cascade::Cascade;
+use super::host_search::{CandidateHost, HostSearch};
 use super::{Depth, go_on};
-use crate::recognition::{Look, LookKind};
+use crate::recognition::{PoseHypothesis, PoseKind};
 use crate::registration::Within;
 use crate::registry::Record;
 use crate::watermark::{Candidate, Codeword, Frame, HostFilter, Hypothesis, SoftBits};
 
-/// How many recipients' copies of a host are run through the matched filter at a look.
+/// How many recipients' copies of a host are run through the matched filter at a pose hypothesis.
 fn most_filtered(depth: Depth) -> usize {
     if depth == Depth::Exhaustive { 64 } else { 10 }
 }
 
-/// What a look assumes, and what a stage's bound of a record is multiplied by there.
+/// What a pose hypothesis assumes, and what a stage's bound of a record is multiplied by there.
 pub(super) struct Seen<'a> {
     pub(super) name: FrameName,
     /// The host's frame in the suspect's coordinates.
@@ -39,11 +39,11 @@ struct Filtered<'a> {
     filter: Arc<HostFilter>,
 }
 
-/// The records of a host, and where a look has its carriers.
+/// The records of a host, and where a pose hypothesis has its carriers.
 pub(super) struct Recipients<'a> {
-    visit: &'a Visit<'a>,
-    housed: &'a Housed,
-    look: &'a Look,
+    search: &'a HostSearch<'a>,
+    candidate_host: &'a CandidateHost,
+    pose: &'a PoseHypothesis,
     /// The records that are asked about, likeliest first.
     asked: Vec<&'a Record>,
 }
@@ -51,22 +51,22 @@ pub(super) struct Recipients<'a> {
 impl<'a> Recipients<'a> {
     /// `ranking` are ids, those that score best in the host's frame first.
     pub(super) fn new(
-        visit: &'a Visit<'a>,
-        housed: &'a Housed,
+        search: &'a HostSearch<'a>,
+        candidate_host: &'a CandidateHost,
         ranking: &[u128],
-        look: &'a Look,
+        pose: &'a PoseHypothesis,
     ) -> Self {
         let has_blind = |record: &&Record| record.layers.has_blind();
-        let ranked = ranking.iter().filter_map(|&id| housed.record(id)).filter(has_blind);
+        let ranked = ranking.iter().filter_map(|&id| candidate_host.record(id)).filter(has_blind);
         let ranked: Vec<&Record> = ranked.collect();
         let is_ranked = |record: &&Record| ranked.iter().any(|known| known.id == record.id);
         // (The rest, newest first: bins say nothing of a suspect that is much damaged.)
-        let rest = housed.records.iter().rev();
+        let rest = candidate_host.records.iter().rev();
         let rest = rest.filter(has_blind).filter(|record| !is_ranked(record));
         let asked = ranked.iter().copied().chain(rest);
-        let asked = asked.filter(|record| housed.is_asked(record.id.as_u128()));
-        let asked = asked.take(most_filtered(visit.depth)).collect();
-        Self { visit, housed, look, asked }
+        let asked = asked.filter(|record| candidate_host.is_asked(record.id.as_u128()));
+        let asked = asked.take(most_filtered(search.depth)).collect();
+        Self { search, candidate_host, pose, asked }
     }
 
     /// Scores them; breaks when all is said. One filter at a time is in use: on a large host each
@@ -74,35 +74,45 @@ impl<'a> Recipients<'a> {
     pub(super) fn read(
         &self,
         seen: &Seen<'_>,
-        climb: &mut Climb,
+        cascade: &mut Cascade,
     ) -> Result<ControlFlow<()>, ServiceError> {
-        let turned = match self.look.kind {
-            LookKind::InPlace => None,
-            _ => Some(self.look.similarity.rotation),
+        let turned = match self.pose.kind {
+            PoseKind::InPlace => None,
+            _ => Some(self.pose.similarity.rotation),
         };
         for record in &self.asked {
-            go_on(self.visit.stop)?;
+            go_on(self.search.stop)?;
             let filtered = self.filtered(record)?;
-            let stop = || self.visit.stop.now();
-            let reading = filtered.filter.compare_until(&self.look.sightings, turned, &stop);
-            go_on(self.visit.stop)?;
-            climb.tried(StageName::MatchedFilter, 1);
-            score(StageName::MatchedFilter, &filtered, reading.alone(), seen, climb);
+            let stop = || self.search.stop.now();
+            let reading = filtered.filter.compare_until(&self.pose.correspondences, turned, &stop);
+            go_on(self.search.stop)?;
+            cascade.tried(StageName::MatchedFilter, 1);
+            score(StageName::MatchedFilter, &filtered, reading.alone(), seen, cascade);
         }
-        Ok(if climb.is_open() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
+        Ok(if cascade.is_open() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
     }
 
     fn filtered(&self, record: &'a Record) -> Result<Filtered<'a>, ServiceError> {
-        let codeword = codeword(self.visit.keys, &record.source())?;
-        let host = (self.housed.key, &*self.housed.home);
-        let filter =
-            self.visit.homes.filter(host, record, codeword.lattice_class(), self.visit.stop)?;
+        let codeword = codeword(self.search.keys, &record.source())?;
+        let host = (self.candidate_host.key, &*self.candidate_host.host_model);
+        let filter = self.search.host_cache.filter(
+            host,
+            record,
+            codeword.layout_class(),
+            self.search.stop,
+        )?;
         Ok(Filtered { record, codeword, filter })
     }
 }
 
-/// Scores a record and adds it to the ladder.
-fn score(stage: StageName, of: &Filtered<'_>, soft: SoftBits, seen: &Seen<'_>, climb: &mut Climb) {
+/// Scores a record and adds it to the cascade.
+fn score(
+    stage: StageName,
+    of: &Filtered<'_>,
+    soft: SoftBits,
+    seen: &Seen<'_>,
+    cascade: &mut Cascade,
+) {
     let score = soft.score(&of.codeword);
     let candidate = Candidate {
         id: of.record.id.as_u128(),
@@ -110,5 +120,5 @@ fn score(stage: StageName, of: &Filtered<'_>, soft: SoftBits, seen: &Seen<'_>, c
         score,
         hypothesis: Hypothesis { frame: seen.frame, soft: Arc::new(soft) },
     };
-    climb.add(stage, seen.name, candidate, (seen.counted)(stage));
+    cascade.add(stage, seen.name, candidate, (seen.counted)(stage));
 }

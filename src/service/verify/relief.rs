@@ -1,4 +1,4 @@
-//! The relief of a host's marks, read from a suspect where a look has it.
+//! The relief of a host's marks, read from a suspect where a pose hypothesis has it.
 //!
 //! One reading serves all records of the host: weights follow from suspect and host alone, each record is
 //! one sum over the signs of its key.
@@ -11,42 +11,44 @@ use rayon::prelude::*;
 use super::super::ServiceError;
 use super::super::known::mark_key;
 use super::super::verdict::StageName;
-use super::at_home::{Housed, Visit};
+use super::cascade::{Cascade, MOST_MATCHES};
 use super::go_on;
-use super::ladder::{Climb, MOST_MATCHES};
+use super::host_search::{CandidateHost, HostSearch};
 use super::recipients::Seen;
-use crate::recognition::{Look, Visitor, relief_at};
+use crate::recognition::{PoseHypothesis, SuspectModel, relief_at};
 use crate::registry::Record;
 use crate::relief::Signs;
 use crate::watermark::{Candidate, Hypothesis, Score, SoftBits};
 
 /// Scores the records of a host that have a relief; breaks when all is said.
 pub(super) fn read(
-    visit: &Visit<'_>,
-    housed: &Housed,
-    (visitor, look): (&Visitor<'_>, &Look),
+    search: &HostSearch<'_>,
+    candidate_host: &CandidateHost,
+    (suspect_model, pose): (&SuspectModel<'_>, &PoseHypothesis),
     seen: &Seen<'_>,
-    climb: &mut Climb,
+    cascade: &mut Cascade,
 ) -> Result<ControlFlow<()>, ServiceError> {
-    let asked = |record: &&Record| housed.is_asked(record.id.as_u128());
+    let asked = |record: &&Record| candidate_host.is_asked(record.id.as_u128());
     let with_relief = |record: &&Record| record.amplitude.is_some();
-    let records: Vec<&Record> = housed.records.iter().filter(asked).filter(with_relief).collect();
+    let records: Vec<&Record> =
+        candidate_host.records.iter().filter(asked).filter(with_relief).collect();
     // Marks of one host nearly always have one amplitude; another one makes weights less apt, not
     // wrong.
     let Some(amplitude) = records.first().and_then(|record| record.amplitude) else {
         return Ok(ControlFlow::Continue(()));
     };
-    let reading = relief_at(&housed.home, visitor, look, amplitude, seen.within);
-    go_on(visit.stop)?;
-    climb.tried(StageName::Relief, records.len() as u64);
+    let reading =
+        relief_at(&candidate_host.host_model, suspect_model, pose, amplitude, seen.within);
+    go_on(search.stop)?;
+    cascade.tried(StageName::Relief, records.len() as u64);
     let Some(reading) = reading else { return Ok(ControlFlow::Continue(())) };
     let counted = (seen.counted)(StageName::Relief);
-    let Some(least) = reading.least_score(climb.worth(counted).log10_bound) else {
+    let Some(least) = reading.least_score(cascade.worth(counted).log10_bound) else {
         return Ok(ControlFlow::Continue(()));
     };
     let cells = reading.signed_weights().len();
     let score = |record: &&Record| {
-        let key = mark_key(visit.keys, &record.key_id, &record.salt, &record.owner_id).ok()?;
+        let key = mark_key(search.keys, &record.key_id, &record.salt, &record.owner_id).ok()?;
         let signs = Signs::new(&key, cells);
         let t = reading.score(&signs);
         (t >= least).then(|| {
@@ -62,7 +64,7 @@ pub(super) fn read(
         let hypothesis = Hypothesis { frame: seen.frame, soft: soft.clone() };
         let log10_bound = reading.log10_bound(score.t);
         let candidate = Candidate { id, log10_bound, score, hypothesis };
-        climb.add(StageName::Relief, seen.name, candidate, counted);
+        cascade.add(StageName::Relief, seen.name, candidate, counted);
     }
-    Ok(if climb.is_open() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
+    Ok(if cascade.is_open() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
 }

@@ -1,4 +1,4 @@
-//! Which hosts the dear detectors look at: those whose shape speaks for them, or that the request
+//! Which hosts the expensive detectors look at: those whose shape speaks for them, or that the request
 //! names. Shape alone decides, never a codeword, so only what is then scored is counted.
 
 use std::sync::Arc;
@@ -9,12 +9,12 @@ use uuid::Uuid;
 use super::super::hosts::HostKey;
 use super::super::memory::{self, Purpose};
 use super::super::{Service, ServiceError};
-use super::at_home::Housed;
+use super::host_search::CandidateHost;
 use super::named::Named;
 use super::{Depth, go_on};
 use crate::blobs::geometry;
 use crate::jobs::Stop;
-use crate::recognition::Home;
+use crate::recognition::HostModel;
 use crate::registration::{Probe, Shape};
 use crate::registry::Record;
 use crate::watermark::Suspect;
@@ -58,10 +58,10 @@ fn most(depth: Depth) -> usize {
 }
 
 /// A host that may be asked about: its records, and its geometry unless that is in memory.
-pub(super) struct Listed {
+pub(super) struct FetchedHost {
     key: HostKey,
     share: f64,
-    home: Option<Arc<Home>>,
+    host_model: Option<Arc<HostModel>>,
     geometry: Option<Bytes>,
     ids: Vec<u128>,
     records: Vec<Record>,
@@ -76,7 +76,7 @@ impl Service {
         depth: Depth,
         stop: &Stop,
     ) -> Result<Vec<Place>, ServiceError> {
-        let listed = self.hosts_to_look_at(suspect, named, depth, stop);
+        let listed = self.hosts_to_search(suspect, named, depth, stop);
         go_on(stop)?;
         let families: Vec<HostKey> = listed.iter().map(|&key| self.hosts.eldest(key)).collect();
         let listed = listed.into_iter().zip(shares(&families));
@@ -84,7 +84,7 @@ impl Service {
         Ok(listed.map(place).collect())
     }
 
-    fn hosts_to_look_at(
+    fn hosts_to_search(
         &self,
         suspect: &Suspect,
         named: Option<&Named>,
@@ -121,12 +121,12 @@ impl Service {
         listed
     }
 
-    /// Fetches what the dear detectors need of the listed hosts; those that are gone are left out.
+    /// Fetches what the expensive detectors need of the listed hosts; those that are gone are left out.
     pub(super) async fn fetch(
         &self,
         listed: Vec<Place>,
         named: Option<&Named>,
-    ) -> Result<Vec<Listed>, ServiceError> {
+    ) -> Result<Vec<FetchedHost>, ServiceError> {
         let mut fetched = Vec::new();
         for Place { key, share, records: of_host } in listed {
             let newest = of_host.split_at(of_host.len().saturating_sub(DETAILED)).1;
@@ -135,16 +135,17 @@ impl Service {
             let records = self.readable(records);
             let asked = |id: &&Uuid| named.is_none_or(|named| named.contains(**id));
             let mut ids: Vec<u128> = of_host.iter().filter(asked).map(Uuid::as_u128).collect();
-            let home = self.homes.home(key);
-            let geometry = match home {
+            let host_model = self.host_cache.host_model(key);
+            let geometry = match host_model {
                 Some(_) => None,
                 None => self.geometry_of(&records).await?,
             };
-            if records.is_empty() || ids.is_empty() || (home.is_none() && geometry.is_none()) {
+            if records.is_empty() || ids.is_empty() || (host_model.is_none() && geometry.is_none())
+            {
                 continue;
             }
             ids.sort_unstable();
-            fetched.push(Listed { key, share, home, geometry, ids, records });
+            fetched.push(FetchedHost { key, share, host_model, geometry, ids, records });
         }
         Ok(fetched)
     }
@@ -169,32 +170,32 @@ impl Service {
     }
 
     /// On the pool: unpacks what is not in memory, and keeps it there.
-    pub(super) fn housed(
+    pub(super) fn candidate_host(
         &self,
-        listed: Listed,
+        listed: FetchedHost,
         stop: &Stop,
-    ) -> Result<Option<Housed>, ServiceError> {
-        let Listed { key, share, home, geometry, ids, records } = listed;
-        let home = match (home, geometry) {
-            (Some(home), _) => home,
+    ) -> Result<Option<CandidateHost>, ServiceError> {
+        let FetchedHost { key, share, host_model, geometry, ids, records } = listed;
+        let host_model = match (host_model, geometry) {
+            (Some(host_model), _) => host_model,
             (None, Some(bytes)) => {
                 let limits = &self.config.limits;
                 let (vertices, triangles) = (limits.max_vertices, limits.max_triangles);
                 let asked = || stop.now();
                 let mesh = geometry::unpack_until(&bytes, vertices, triangles, &asked);
                 go_on(stop)?;
-                let home = Home::new_until(mesh?, &asked);
-                let home = Arc::new(home.ok_or_else(|| stop.reason())?);
-                self.homes.keep(key, &home);
-                home
+                let host_model = HostModel::new_until(mesh?, &asked);
+                let host_model = Arc::new(host_model.ok_or_else(|| stop.reason())?);
+                self.host_cache.keep(key, &host_model);
+                host_model
             }
             (None, None) => return Ok(None),
         };
-        Ok(Some(Housed { key, home, share, ids, records }))
+        Ok(Some(CandidateHost { key, host_model, share, ids, records }))
     }
 }
 
-impl Listed {
+impl FetchedHost {
     fn counts(&self) -> (u64, u64) {
         self.records.first().map_or((0, 0), |record| (record.vertices, record.triangles))
     }

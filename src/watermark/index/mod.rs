@@ -31,7 +31,7 @@ impl GroupKey {
     /// The group of a codeword.
     #[must_use]
     pub fn of(codeword: &Codeword, modulation: Modulation) -> Self {
-        Self { bits: codeword.bit_count(), modulation, class: codeword.lattice_class() }
+        Self { bits: codeword.bit_count(), modulation, class: codeword.layout_class() }
     }
 
     fn row_width(self) -> usize {
@@ -46,7 +46,7 @@ struct Group {
     rows: Vec<u8>,
 }
 
-/// All live codewords by number of bits, modulation and lattice class. The caller chooses the
+/// All live codewords by number of bits, modulation and layout class. The caller chooses the
 /// ids (a record's UUID).
 ///
 /// A clone shares the rows: a search works on a clone, so that records can come and go meanwhile
@@ -56,7 +56,7 @@ pub struct CodewordIndex {
     groups: BTreeMap<GroupKey, Arc<Group>>,
 }
 
-/// One reading of a suspect by one lattice: the records of a group are scored against it.
+/// One reading of a suspect by one bin layout: the records of a group are scored against it.
 #[derive(Debug, Clone)]
 pub struct Hypothesis {
     /// The centre and radial range that it assumes.

@@ -36,7 +36,7 @@ fn a_search_scores_each_record_as_a_direct_score_does() {
     assert!(search.candidates.len() > 800, "about half of all agree better than chance");
     for candidate in &search.candidates {
         let codeword = codeword(u32::try_from(candidate.id).unwrap(), 100);
-        let soft = suspect.read(codeword.lattice_class(), codeword.bit_count(), Modulation::Mean);
+        let soft = suspect.read(codeword.layout_class(), codeword.bit_count(), Modulation::Mean);
         let score = soft.score(&codeword);
         assert_eq!(score, candidate.score);
         assert!((soft.log10_bound(score.t) - candidate.log10_bound).abs() < 1e-9);

@@ -17,7 +17,7 @@ use std::f64::consts::SQRT_2;
 use rayon::prelude::*;
 
 use super::grid::Grid;
-use super::{HostFilter, Sighting, median};
+use super::{Correspondence, HostFilter, median};
 use crate::mesh::stop::{Stop, mapped};
 use crate::watermark::SoftBits;
 
@@ -88,7 +88,7 @@ struct View<'a> {
 impl View<'_> {
     /// The cell of a vertex along an axis, for levels that stand so far above the middle of their cells;
     /// `None` off the levels, and for a vertex that says nothing.
-    fn cell(&self, s: &Sighting, k: usize, shift: f64) -> Option<Cell> {
+    fn cell(&self, s: &Correspondence, k: usize, shift: f64) -> Option<Cell> {
         let carrier = s.carrier as usize;
         let difference = self.filter.difference[carrier];
         let error = SHARE * difference.length();
@@ -106,14 +106,14 @@ impl View<'_> {
     }
 
     /// Its cells along all axes.
-    fn cells(&self, s: &Sighting, shifts: [f64; 3]) -> impl Iterator<Item = Cell> {
+    fn cells(&self, s: &Correspondence, shifts: [f64; 3]) -> impl Iterator<Item = Cell> {
         (0..3).filter_map(move |k| self.cell(s, k, shifts[k]))
     }
 
     /// The shift along an axis that explains the cells best: one of [`SHIFTS`], or the mean of where the
     /// levels are seen.
-    fn shift(&self, judges: &[&Sighting], k: usize) -> f64 {
-        let off = |s: &&Sighting| {
+    fn shift(&self, judges: &[&Correspondence], k: usize) -> f64 {
+        let off = |s: &&Correspondence| {
             let cell = self.cell(s, k, 0.0)?;
             let off = 0.5 * ((cell.low - cell.zero) + (cell.high - cell.one)) / cell.step;
             (off.abs() <= FAR).then_some(off)
@@ -140,12 +140,12 @@ impl HostFilter {
     /// more than residuals do, or once `stop` answers `true`.
     pub(super) fn by_cells(
         &self,
-        sightings: &[Sighting],
+        correspondences: &[Correspondence],
         grid: &Grid,
         stop: Stop<'_>,
     ) -> Option<SoftBits> {
-        let judges: Vec<&Sighting> =
-            sightings.iter().step_by((sightings.len() / JUDGES).max(1)).collect();
+        let judges: Vec<&Correspondence> =
+            correspondences.iter().step_by((correspondences.len() / JUDGES).max(1)).collect();
         let ways = judges.iter().map(|s| self.difference[s.carrier as usize].length());
         let way = median(ways.filter(|&way| way > 0.0).collect());
         if grid.levels.iter().flatten().all(|levels| levels.step <= FINE * way) {
@@ -158,16 +158,16 @@ impl HostFilter {
         if rough >= TOO_ROUGH {
             return None;
         }
-        let evidence = |_, s: &Sighting| -> f64 {
+        let evidence = |_, s: &Correspondence| -> f64 {
             let ratio = |cell: Cell| {
                 let [zero, one] = cell.likelihoods(rough);
                 libm::log(one / zero)
             };
             view.cells(s, shifts).map(ratio).sum()
         };
-        let evidence = mapped(sightings, stop, evidence)?;
+        let evidence = mapped(correspondences, stop, evidence)?;
         let mut sums = vec![0.0; self.bits.get()];
-        for (s, evidence) in sightings.iter().zip(evidence) {
+        for (s, evidence) in correspondences.iter().zip(evidence) {
             if let Some(sum) = sums.get_mut(usize::from(self.bins[s.carrier as usize])) {
                 *sum += evidence;
             }
@@ -209,7 +209,7 @@ mod tests {
         turned: DQuat,
         steps: f64,
         snap: Snap,
-    ) -> Vec<Sighting> {
+    ) -> Vec<Correspondence> {
         let carriers = filter.surface().first_vertex.iter();
         let all: Vec<DVec3> =
             carriers.map(|&v| turned.inverse() * marked.positions[v as usize]).collect();
@@ -220,7 +220,10 @@ mod tests {
             let levels = ((p - low) / step).to_array().map(snap);
             (low + step * DVec3::from_array(levels)).as_vec3().as_dvec3()
         };
-        (0..).zip(all).map(|(carrier, p)| Sighting { carrier, at: turned * snapped(p) }).collect()
+        (0..)
+            .zip(all)
+            .map(|(carrier, p)| Correspondence { carrier, at: turned * snapped(p) })
+            .collect()
     }
 
     #[test]
@@ -237,16 +240,17 @@ mod tests {
         ];
         for sample in Sample::ALL {
             let marked = marked(sample, Method::ExactMean);
-            let class = marked.codeword.lattice_class();
+            let class = marked.codeword.layout_class();
             let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
             let bound = |soft: &SoftBits| soft.log10_bound(soft.score(&marked.codeword).t);
             for (steps, turned, snap) in table {
-                let sightings = seen(&marked, &filter, turned, steps, snap);
-                let grid = grid_of(&sightings, turned, &never);
+                let correspondences = seen(&marked, &filter, turned, steps, snap);
+                let grid = grid_of(&correspondences, turned, &never);
                 assert!(grid.is_some(), "{sample} {steps}");
-                let cells = bound(&filter.compare(&sightings, Some(turned)).alone());
+                let cells = bound(&filter.compare(&correspondences, Some(turned)).alone());
                 let residuals = bound(
-                    &Comparison::after(&filter, &sightings, 0, &filter.middle, &never).alone(),
+                    &Comparison::after(&filter, &correspondences, 0, &filter.middle, &never)
+                        .alone(),
                 );
                 // Cut off, the flat sides of the gear are the edges of cells.
                 assert!(cells < -10.0, "{sample} {steps}: {cells}");

@@ -1,13 +1,13 @@
-//! A suspect seen through the filter of one lattice class: the bits of one mark.
+//! A suspect seen through the filter of one layout class: the bits of one mark.
 //!
 //! Where several recipients averaged their copies, or a later mark lies over one, the relief is read;
 //! solving for others' marks together with this one is not needed any more.
 
 use glam::{DQuat, DVec3};
 
-use super::alike::Alike;
 use super::estimate::Normal;
-use super::{HostFilter, Sighting, grid_of};
+use super::smoothing_search::Alike;
+use super::{Correspondence, HostFilter, grid_of};
 use crate::mesh::stop::Stop;
 use crate::watermark::SoftBits;
 
@@ -25,35 +25,35 @@ pub struct Comparison {
 impl Comparison {
     pub(super) fn new(
         filter: &HostFilter,
-        sightings: &[Sighting],
+        correspondences: &[Correspondence],
         turned: Option<DQuat>,
         stop: Stop<'_>,
     ) -> Self {
-        let Alike { rounds, middle, nudge } = filter.alike(sightings, turned.is_some(), stop);
+        let Alike { rounds, middle, nudge } = filter.alike(correspondences, turned.is_some(), stop);
         if rounds > 0 {
-            let at = |s: &Sighting| Sighting { at: nudge.apply(s.at), ..*s };
-            let sightings: Vec<Sighting> = sightings.iter().map(at).collect();
-            return Self::after(filter, &sightings, rounds, &middle, stop);
+            let at = |s: &Correspondence| Correspondence { at: nudge.apply(s.at), ..*s };
+            let correspondences: Vec<Correspondence> = correspondences.iter().map(at).collect();
+            return Self::after(filter, &correspondences, rounds, &middle, stop);
         }
-        let grid = grid_of(sightings, turned.unwrap_or_default(), stop);
-        let cells = grid.and_then(|grid| filter.by_cells(sightings, &grid, stop));
-        Self { cells, ..Self::after(filter, sightings, rounds, &middle, stop) }
+        let grid = grid_of(correspondences, turned.unwrap_or_default(), stop);
+        let cells = grid.and_then(|grid| filter.by_cells(correspondences, &grid, stop));
+        Self { cells, ..Self::after(filter, correspondences, rounds, &middle, stop) }
     }
 
     /// Of a suspect that was smoothed in so many rounds, which took the filter's middle to `middle`.
     /// Worth nothing once `stop` answers `true`.
     pub(super) fn after(
         filter: &HostFilter,
-        sightings: &[Sighting],
+        correspondences: &[Correspondence],
         rounds: usize,
         middle: &[DVec3],
         stop: Stop<'_>,
     ) -> Self {
         // (Nothing is paired with no weights.)
-        let weights = filter.weights(sightings, rounds, middle, stop).unwrap_or_default();
+        let weights = filter.weights(correspondences, rounds, middle, stop).unwrap_or_default();
         let mut rest = vec![DVec3::ZERO; middle.len()];
         let mut seen = vec![0.0; middle.len()];
-        for (Sighting { carrier, at }, weight) in sightings.iter().zip(&weights) {
+        for (Correspondence { carrier, at }, weight) in correspondences.iter().zip(&weights) {
             let carrier = *carrier as usize;
             rest[carrier] = *at - middle[carrier];
             seen[carrier] = *weight;

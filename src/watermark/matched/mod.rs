@@ -16,13 +16,13 @@
 //! Nothing here may depend on the codeword. Must not know how suspects are brought into the host's
 //! coordinates, or which of their vertices is whose.
 
-mod alike;
 mod cells;
 mod comparison;
 mod estimate;
 mod grid;
-mod refit;
+mod nudge;
 mod smoothing;
+mod smoothing_search;
 
 use glam::{DQuat, DVec3};
 
@@ -30,7 +30,7 @@ pub use comparison::Comparison;
 use grid::Grid;
 use smoothing::{HALF, Smoothing};
 
-use super::bins::{Frame, Lattice, norms};
+use super::bins::{BinLayout, Frame, norms};
 use super::modulate::State;
 use super::pass::{Host, Passes};
 use super::{BitCount, Codeword, EmbedParams, SoftBits, WatermarkError};
@@ -41,14 +41,14 @@ use crate::mesh::surface::Surface;
 
 /// A carrier of the host, and where the suspect has it, in the host's coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
+pub struct Correspondence {
     /// Which carrier.
     pub carrier: u32,
     /// Where it is.
     pub at: DVec3,
 }
 
-/// A carrier outside the lattice.
+/// A carrier outside the bin layout.
 const NO_BIN: u16 = u16::MAX;
 
 /// Passes for all ones and all zeros. The second knows which vertices the guard stiffens.
@@ -84,7 +84,7 @@ pub struct HostFilter {
 }
 
 impl HostFilter {
-    /// What a mark of these parameters does to the `host`, for the lattice class of its key.
+    /// What a mark of these parameters does to the `host`, for the layout class of its key.
     ///
     /// # Errors
     /// [`WatermarkError::NoRadialExtent`].
@@ -107,7 +107,7 @@ impl HostFilter {
         let centre = surface.centre_until(stop).ok_or(cancelled.clone())?;
         let rho = norms(&surface.positions, centre);
         let frame = Frame::spanning(centre, &rho);
-        let lattice = Lattice::new(&frame, class, params.bits)
+        let layout = BinLayout::new(&frame, class, params.bits)
             .ok_or(WatermarkError::NoRadialExtent { vertices: rho.len() })?;
         let seen =
             Host { mesh: host, surface: &surface, pinned: &[], round: &|_| {}, original: None };
@@ -124,7 +124,7 @@ impl HostFilter {
         });
         let (zeros, ones): (Vec<DVec3>, Vec<DVec3>) = (zeros?, ones?);
         let bin = |&rho: &f64| {
-            lattice.locate(rho).and_then(|(bin, _)| u16::try_from(bin).ok()).unwrap_or(NO_BIN)
+            layout.locate(rho).and_then(|(bin, _)| u16::try_from(bin).ok()).unwrap_or(NO_BIN)
         };
         let mut squares = 0.0;
         for step in surface.triangles.chunks(STEP) {
@@ -148,7 +148,7 @@ impl HostFilter {
         go_on(stop).ok_or(WatermarkError::Cancelled)?;
         Ok(Self {
             bits: params.bits,
-            stride: squares.sqrt() / lattice.width,
+            stride: squares.sqrt() / layout.width,
             bins: rho.iter().map(bin).collect(),
             middle,
             difference,
@@ -182,8 +182,8 @@ impl HostFilter {
     /// it to the host: its grid, if it has one, was turned with it, and the scale may be wrong by what
     /// smoothing shrank.
     #[must_use]
-    pub fn compare(&self, sightings: &[Sighting], turned: Option<DQuat>) -> Comparison {
-        self.compare_until(sightings, turned, &|| false)
+    pub fn compare(&self, correspondences: &[Correspondence], turned: Option<DQuat>) -> Comparison {
+        self.compare_until(correspondences, turned, &|| false)
     }
 
     /// The same, asking `stop` before each number of rounds of smoothing that is tried; what comes out
@@ -191,18 +191,18 @@ impl HostFilter {
     #[must_use]
     pub fn compare_until(
         &self,
-        sightings: &[Sighting],
+        correspondences: &[Correspondence],
         turned: Option<DQuat>,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Comparison {
-        Comparison::new(self, sightings, turned, stop)
+        Comparison::new(self, correspondences, turned, stop)
     }
 
     /// Soft bits of a suspect that lies where the host does; also how many rounds of smoothing it seems
     /// to have been through.
     #[must_use]
-    pub fn read(&self, sightings: &[Sighting]) -> (SoftBits, usize) {
-        let comparison = self.compare(sightings, None);
+    pub fn read(&self, correspondences: &[Correspondence]) -> (SoftBits, usize) {
+        let comparison = self.compare(correspondences, None);
         (comparison.alone(), comparison.rounds())
     }
 
@@ -219,12 +219,12 @@ impl HostFilter {
     /// None once `stop` answers `true`.
     fn weights(
         &self,
-        sightings: &[Sighting],
+        correspondences: &[Correspondence],
         rounds: usize,
         middle: &[DVec3],
         stop: Stop<'_>,
     ) -> Option<Vec<f64>> {
-        let off = |_, s: &Sighting| {
+        let off = |_, s: &Correspondence| {
             let carrier = s.carrier as usize;
             let rest = s.at - middle[carrier];
             if rounds > 0 {
@@ -234,7 +234,7 @@ impl HostFilter {
             let half = 0.5 * self.difference[carrier];
             (rest - half).length_squared().min((rest + half).length_squared()).sqrt()
         };
-        let off = mapped(sightings, stop, off)?;
+        let off = mapped(correspondences, stop, off)?;
         let knee = KNEE * median(off.clone());
         let weight = |off: f64| if knee > 0.0 { 1.0 / (1.0 + squared(off / knee)) } else { 1.0 };
         go_on(stop)?;
@@ -289,8 +289,8 @@ impl HostFilter {
 }
 
 /// The grid that a suspect was put on after it was turned, or before.
-fn grid_of(sightings: &[Sighting], turned: DQuat, stop: Stop<'_>) -> Option<Grid> {
-    let along = |axes| Grid::of(&sightings.iter().map(|s| s.at), axes, stop);
+fn grid_of(correspondences: &[Correspondence], turned: DQuat, stop: Stop<'_>) -> Option<Grid> {
+    let along = |axes| Grid::of(&correspondences.iter().map(|s| s.at), axes, stop);
     along(DVec3::AXES.map(|axis| turned * axis)).or_else(|| along(DVec3::AXES))
 }
 
@@ -330,16 +330,16 @@ mod tests {
         marked: &Marked,
         at: impl Fn(usize, DVec3) -> Option<DVec3>,
     ) -> (f64, usize) {
-        let class = marked.codeword.lattice_class();
+        let class = marked.codeword.layout_class();
         let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
-        let sightings: Vec<Sighting> = (0_u32..)
+        let correspondences: Vec<Correspondence> = (0_u32..)
             .zip(&filter.surface().first_vertex)
             .filter_map(|(carrier, &v)| {
                 let at = at(v as usize, marked.positions[v as usize])?;
-                Some(Sighting { carrier, at })
+                Some(Correspondence { carrier, at })
             })
             .collect();
-        let (soft, rounds) = filter.read(&sightings);
+        let (soft, rounds) = filter.read(&correspondences);
         (soft.log10_bound(soft.score(&marked.codeword).t), rounds)
     }
 
@@ -347,7 +347,7 @@ mod tests {
     fn bins_that_share_a_smoothing_do_not_meet() {
         for sample in Sample::ALL {
             let Marked { host, codeword, params, .. } = marked(sample, Method::ExactMean);
-            let filter = HostFilter::new(&host, codeword.lattice_class(), &params).unwrap();
+            let filter = HostFilter::new(&host, codeword.layout_class(), &params).unwrap();
             let seen = vec![1.0; filter.bins.len()];
             let (n, rounds) = (params.bits.get(), 5);
             let whole = filter.gram(&seen, rounds, n, &never);
@@ -388,19 +388,19 @@ mod tests {
     #[test]
     fn a_smoothed_mark_is_read_with_the_host_smoothed_alike() {
         let marked = marked(Sample::Knot, Method::ExactMean);
-        let class = marked.codeword.lattice_class();
+        let class = marked.codeword.layout_class();
         let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
         let mut field: Vec<DVec3> =
             filter.surface().first_vertex.iter().map(|&v| marked.positions[v as usize]).collect();
         field = filter.smoothing().smoothed_until(field, 10, &crate::mesh::stop::never);
-        let sightings = |field: &[DVec3]| -> Vec<Sighting> {
-            (0..).zip(field).map(|(carrier, &at)| Sighting { carrier, at }).collect()
+        let correspondences = |field: &[DVec3]| -> Vec<Correspondence> {
+            (0..).zip(field).map(|(carrier, &at)| Correspondence { carrier, at }).collect()
         };
-        let (soft, rounds) = filter.read(&sightings(&field));
+        let (soft, rounds) = filter.read(&correspondences(&field));
         assert_eq!(rounds, 10);
         let alike = soft.log10_bound(soft.score(&marked.codeword).t);
         let unlike =
-            Comparison::after(&filter, &sightings(&field), 0, &filter.middle, &never).alone();
+            Comparison::after(&filter, &correspondences(&field), 0, &filter.middle, &never).alone();
         let unlike = unlike.log10_bound(unlike.score(&marked.codeword).t);
         let stride = filter.stride;
         assert!(alike < -5.0 && alike < unlike - 2.0, "{alike} {unlike} {stride}");

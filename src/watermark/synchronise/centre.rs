@@ -3,7 +3,7 @@
 //! A mark pushes the norms of every bin to one of its sides, so that about the right centre their
 //! density has steps at the scale of a bin; about another centre, off by a third of a bin width
 //! or more, norms of different directions smear them. Hence a centre is judged by the roughness of
-//! its histogram at that scale, which needs no lattice. A cut of 2 % moves the centre by 0.4 to
+//! its histogram at that scale, which needs no bin layout. A cut of 2 % moves the centre by 0.4 to
 //! 1.6 % of the diagonal, one to three bin widths of 64 (measured on bunny, horse, nefertiti and
 //! armadillo): a ball of a few thousand centres.
 
@@ -15,10 +15,10 @@ use super::outliers::Body;
 use crate::watermark::bins::norms;
 use crate::watermark::{BitCount, Frame, Modulation};
 
-/// Histogram cells per bin of the middle lattice class.
+/// Histogram cells per bin of the middle layout class.
 const CELLS_PER_BIN: f64 = 8.0;
 
-/// A bin of the middle lattice class, as a share of the radial extent over M.
+/// A bin of the middle layout class, as a share of the radial extent over M.
 const MIDDLE_BIN: f64 = 0.85;
 
 /// Points that are looked at: so many a bin, when looking around and when looking closely.
@@ -93,7 +93,7 @@ pub fn search(
         .map_init(
             || close.cells(),
             |cells, start| {
-                if stop() { (0.0, start) } else { close.climb(start, cells, stop) }
+                if stop() { (0.0, start) } else { close.cascade(start, cells, stop) }
             },
         )
         .collect();
@@ -208,7 +208,7 @@ impl View {
     }
 
     /// Uphill from `start`, in ever smaller steps, until `stop` answers `true`.
-    fn climb(
+    fn cascade(
         &self,
         start: Vec3,
         cells: &mut [f32],

@@ -1,19 +1,19 @@
-//! The lattices that make the norms about one centre look most like marked ones.
+//! The bin layouts that make the norms about one centre look most like marked ones.
 //!
-//! The energy of a lattice is the mean deviation of its bins' statistics from neutral. About the
+//! The energy of a bin layout is the mean deviation of its bins' statistics from neutral. About the
 //! right centre it stands out: on bunny, horse, nefertiti and armadillo at strength 0.1, 5.7 to 6.4
-//! against a mean of 2.5 to 3 over all lattices; the next best is the same lattice moved by a bin.
+//! against a mean of 2.5 to 3 over all bin layouts; the next best is the same bin layout moved by a bin.
 
 use rayon::prelude::*;
 
 use super::Window;
-use crate::watermark::bins::{LARGEST_EPS, Lattice};
+use crate::watermark::bins::{BinLayout, LARGEST_EPS};
 use crate::watermark::{BitCount, Modulation, Profile};
 
 /// Cells of the table of sums per bin: between them it is interpolated.
 const CELLS_PER_BIN: usize = 128;
 
-/// Step of the grid of lattices at either end, in bins.
+/// Step of the grid of bin layouts at either end, in bins.
 const STEP: f64 = 0.2;
 
 /// Steps of the search around a maximum of the grid, in bins.
@@ -25,10 +25,10 @@ const CAP: f64 = 0.1;
 /// Vertices at which a bin counts half.
 const HALF_TRUST: f64 = 20.0;
 
-/// Lattices kept per centre. A class takes those few that fit it.
+/// Layouts kept per centre. A class takes those few that fit it.
 const MOST_PEAKS: usize = 400;
 
-/// A lattice by the norms at its two ends, and its energy.
+/// A bin layout by the norms at its two ends, and its energy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Peak {
     start: f64,
@@ -37,10 +37,10 @@ pub struct Peak {
 }
 
 impl Peak {
-    /// The lattice.
-    pub fn lattice(&self, bits: BitCount) -> Lattice {
+    /// The bin layout.
+    pub fn layout(&self, bits: BitCount) -> BinLayout {
         let bins = bits.get();
-        Lattice { start: self.start, width: (self.end - self.start) / bins as f64, bins }
+        BinLayout { start: self.start, width: (self.end - self.start) / bins as f64, bins }
     }
 }
 
@@ -82,7 +82,7 @@ impl Sums {
         std::array::from_fn(|k| a[k] + part * (b[k] - a[k]))
     }
 
-    /// The energy of the lattice from `start` to `end`, per bin at most [`CAP`].
+    /// The energy of the bin layout from `start` to `end`, per bin at most [`CAP`].
     fn energy(&self, start: f64, end: f64, bins: usize, modulation: Modulation) -> f64 {
         let cells = |rho: f64| (rho - self.low) * self.per_cell;
         let (start, width) = (cells(start), cells(end) - cells(start));
@@ -111,7 +111,7 @@ impl Sums {
     }
 }
 
-/// The local maxima of the energy among all lattices of any class that agree with the profile's
+/// The local maxima of the energy among all bin layouts of any class that agree with the profile's
 /// range, the highest first.
 pub fn peaks(
     profile: &Profile,
@@ -154,7 +154,7 @@ pub fn peaks(
     let mut peaks: Vec<Peak> = maxima(&map)
         .into_par_iter()
         .map(|(i, j)| Peak { start: starts[i], end: ends[j], energy: map[i][j] })
-        .map(|peak| climb(peak, bin, &energy))
+        .map(|peak| cascade(peak, bin, &energy))
         .collect();
     peaks.sort_by(|a, b| b.energy.total_cmp(&a.energy).then(a.start.total_cmp(&b.start)));
     peaks.truncate(MOST_PEAKS);
@@ -182,7 +182,7 @@ fn maxima(map: &[Vec<f64>]) -> Vec<(usize, usize)> {
 }
 
 /// Uphill, in ever smaller steps: both ends together, against each other, or one alone.
-fn climb(mut peak: Peak, bin: f64, energy: &impl Fn(f64, f64) -> f64) -> Peak {
+fn cascade(mut peak: Peak, bin: f64, energy: &impl Fn(f64, f64) -> f64) -> Peak {
     const WAYS: [(f64, f64); 8] = [
         (1.0, 1.0),
         (-1.0, -1.0),

@@ -3,11 +3,11 @@
 //! The blind frame stands on extremes and on a mean over the whole surface: one vertex pushed out
 //! by 1 %, a few stray triangles, a smoothing pass or a cut-off ear moves it, although hardly a
 //! norm has changed. But a mark betrays its own bins: every bin's statistic is off neutral, which
-//! by chance few are. So centres and lattices are searched for those that make the suspect's norms
+//! by chance few are. So centres and bin layouts are searched for those that make the suspect's norms
 //! look most like marked ones. This looks at the suspect only, never at a codeword: what is scored
 //! afterwards, and counted, is the few best.
 //!
-//! Steps: `outliers` drops stray parts, `centre` searches the centre, `energy` the lattices.
+//! Steps: `outliers` drops stray parts, `centre` searches the centre, `energy` the bin layouts.
 
 mod centre;
 mod energy;
@@ -19,7 +19,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::bins::{Frame, Lattice, trimmed_share};
+use super::bins::{BinLayout, Frame, trimmed_share};
 use super::{BitCount, Hypothesis, Modulation, Profile, SoftBits, Suspect};
 use energy::Peak;
 
@@ -30,10 +30,10 @@ pub struct Effort {
     pub radius: f64,
     /// Centres that are found by their roughness, beside the suspect's own.
     pub candidates: usize,
-    /// Centres kept of all these, by the energy of their best lattice.
+    /// Centres kept of all these, by the energy of their best bin layout.
     pub centres: usize,
-    /// Lattices scored per class about each of these.
-    pub lattices: usize,
+    /// Layouts scored per class about each of these.
+    pub layouts: usize,
 }
 
 /// How far the extremes of the norms may be from those of the mark, as shares of the radial extent:
@@ -69,7 +69,7 @@ impl Window {
     }
 }
 
-/// A lattice that makes the norms look marked.
+/// A bin layout that makes the norms look marked.
 #[derive(Debug, Clone)]
 struct Found {
     centre: DVec3,
@@ -82,31 +82,31 @@ struct Found {
 struct About {
     /// The centre and the range that the norms span about it.
     seen: Frame,
-    /// Its lattices, best first.
+    /// Its bin layouts, best first.
     found: Vec<Found>,
 }
 
-/// The lattices found for one number of bits and one modulation, best first, per centre.
+/// The bin layouts found for one number of bits and one modulation, best first, per centre.
 #[derive(Debug, Clone)]
-pub struct Lattices {
+pub struct Layouts {
     bits: BitCount,
     per_centre: Vec<About>,
     /// How many of each a class takes.
     most: usize,
 }
 
-/// Searches a suspect for the lattices of marks of `bits` bits.
+/// Searches a suspect for the bin layouts of marks of `bits` bits.
 #[must_use]
 pub fn synchronise(
     suspect: &Suspect,
     bits: BitCount,
     modulation: Modulation,
     effort: &Effort,
-) -> Lattices {
+) -> Layouts {
     synchronise_until(suspect, bits, modulation, effort, &|| false)
 }
 
-/// The same, asking `stop` before each centre and each row of lattices; what is found once it answers
+/// The same, asking `stop` before each centre and each row of bin layouts; what is found once it answers
 /// `true` is worth nothing.
 #[must_use]
 pub fn synchronise_until(
@@ -115,8 +115,8 @@ pub fn synchronise_until(
     modulation: Modulation,
     effort: &Effort,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Lattices {
-    let none = Lattices { bits, per_centre: Vec::new(), most: effort.lattices };
+) -> Layouts {
+    let none = Layouts { bits, per_centre: Vec::new(), most: effort.layouts };
     let Some(body) = outliers::body(suspect, stop) else { return none };
     let mut centres = vec![body.centre];
     centres.extend(centre::search(&body, bits, modulation, effort, stop));
@@ -139,30 +139,30 @@ pub fn synchronise_until(
     per_centre.truncate(effort.centres);
     let about = |(profile, peaks): (Cow<'_, Profile>, Vec<Peak>)| {
         let read = |peak: Peak| {
-            let soft = profile.read_lattice(&peak.lattice(bits), modulation);
+            let soft = profile.read_layout(&peak.layout(bits), modulation);
             Found { centre: profile.frame().centre, peak, soft: Arc::new(soft) }
         };
         About { seen: profile.frame(), found: peaks.into_par_iter().map(read).collect() }
     };
     let per_centre = per_centre.into_iter().map(about).collect();
-    Lattices { bits, per_centre, most: effort.lattices }
+    Layouts { bits, per_centre, most: effort.layouts }
 }
 
-impl Lattices {
+impl Layouts {
     /// Readings of all classes together.
     #[must_use]
     pub fn of_all_classes(&self) -> usize {
         (0..=u8::MAX).into_par_iter().map(|class| self.of_class(class).len()).sum()
     }
 
-    /// The readings of one lattice class: those whose implied range agrees with the suspect's.
+    /// The readings of one layout class: those whose implied range agrees with the suspect's.
     #[must_use]
     pub fn of_class(&self, class: u8) -> Vec<Hypothesis> {
         let window = Window::of(self.bits);
         let mut readings = Vec::new();
         for About { seen, found } in &self.per_centre {
             let fitting = found.iter().filter_map(|found| {
-                let frame = implied(found.centre, &found.peak.lattice(self.bits), class);
+                let frame = implied(found.centre, &found.peak.layout(self.bits), class);
                 window.admits(&frame, seen).then(|| Hypothesis { frame, soft: found.soft.clone() })
             });
             readings.extend(fitting.take(self.most));
@@ -171,11 +171,11 @@ impl Lattices {
     }
 }
 
-/// The frame in which a lattice is that of a class.
-fn implied(centre: DVec3, lattice: &Lattice, class: u8) -> Frame {
+/// The frame in which a bin layout is that of a class.
+fn implied(centre: DVec3, layout: &BinLayout, class: u8) -> Frame {
     let eps = trimmed_share(class);
-    let extent = lattice.width * lattice.bins as f64 / (1.0 - 2.0 * eps);
-    let rho_min = lattice.start - eps * extent;
+    let extent = layout.width * layout.bins as f64 / (1.0 - 2.0 * eps);
+    let rho_min = layout.start - eps * extent;
     Frame { centre, rho_min, rho_max: rho_min + extent }
 }
 

@@ -4,7 +4,7 @@ use crate::mesh::surface::Surface;
 use crate::sample::Sample;
 use crate::watermark::{Codeword, EmbedParams, Host, MarkKey, Message, embed};
 
-const EFFORT: Effort = Effort { radius: 0.018, candidates: 4, centres: 2, lattices: 4 };
+const EFFORT: Effort = Effort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 };
 
 fn marked() -> (Mesh, Codeword) {
     let mesh = Sample::Blob.mesh(20_000).unwrap();
@@ -20,7 +20,7 @@ fn marked() -> (Mesh, Codeword) {
 fn best(mesh: &Mesh, codeword: &Codeword) -> (f64, usize) {
     let suspect = Suspect::new(mesh).unwrap();
     let found = synchronise(&suspect, codeword.bit_count(), Modulation::Mean, &EFFORT);
-    let readings = found.of_class(codeword.lattice_class());
+    let readings = found.of_class(codeword.layout_class());
     let bound = |reading: &Hypothesis| {
         let soft = &reading.soft;
         soft.log10_bound(soft.score(codeword).t)
@@ -30,7 +30,7 @@ fn best(mesh: &Mesh, codeword: &Codeword) -> (f64, usize) {
 
 fn blind(mesh: &Mesh, codeword: &Codeword) -> f64 {
     let suspect = Suspect::new(mesh).unwrap();
-    let soft = suspect.read(codeword.lattice_class(), codeword.bit_count(), Modulation::Mean);
+    let soft = suspect.read(codeword.layout_class(), codeword.bit_count(), Modulation::Mean);
     soft.log10_bound(soft.score(codeword).t)
 }
 
@@ -72,7 +72,7 @@ fn damaged_frames_are_found_again() {
         let before = blind(&suspect, &codeword);
         assert!(before > -9.0, "{name} does no harm: {before}");
         assert!(found < -15.0, "{name}: {found}");
-        assert!((1..=3 * EFFORT.lattices).contains(&readings));
+        assert!((1..=3 * EFFORT.layouts).contains(&readings));
     }
 }
 
@@ -98,11 +98,11 @@ fn shapes_without_bins_are_no_trouble() {
     let triangle = Mesh::new(vec![DVec3::ZERO, DVec3::X, 3.0 * DVec3::Y], vec![[0, 1, 2]]).unwrap();
     for mesh in [ball, triangle] {
         let Ok(suspect) = Suspect::new(&mesh) else { continue };
-        let small = Effort { radius: 0.002, candidates: 3, centres: 2, lattices: 3 };
+        let small = Effort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 };
         for bits in [16, 256] {
             let bits = BitCount::new(bits).unwrap();
             let found = synchronise(&suspect, bits, Modulation::Mean, &small);
-            assert!(found.of_class(7).len() <= 2 * small.lattices);
+            assert!(found.of_class(7).len() <= 2 * small.layouts);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The ladder of detectors: the cheap ones first, the dear ones while the verdict is open.
+//! The cascade of detectors: the cheap ones first, the expensive ones while the verdict is open.
 //!
 //! A stage is a file with a type that is a [`Stage`], a name with its share in `count`, and a line
 //! in [`stages`]. What a stage chooses to score may depend on the suspect, the request and the
@@ -14,7 +14,7 @@ use super::blind::Blind;
 use super::charge::{Charge, Charges};
 use super::count::counted;
 use super::in_place::InPlace;
-use super::lattices::LatticeSearch;
+use super::layouts::LayoutSearch;
 use super::named::Named;
 use super::{Depth, go_on};
 use crate::jobs::Stop;
@@ -77,9 +77,9 @@ impl Found {
     }
 }
 
-/// The outcome of the ladder.
+/// The outcome of the cascade.
 #[derive(Debug, Default)]
-pub(super) struct Climbed {
+pub(super) struct CascadeOutcome {
     /// Stages in the order in which they ran, with the hypotheses that each scored.
     pub(super) tried: Vec<(StageName, u64)>,
     /// Best first, each record once.
@@ -92,9 +92,9 @@ pub(super) struct Climbed {
 /// The stages of a depth that need nothing but the suspect and the marks, in order.
 pub(super) fn stages(depth: Depth) -> &'static [&'static dyn Stage] {
     match depth {
-        Depth::Fast => &[&Blind, &LatticeSearch::NEAR],
+        Depth::Fast => &[&Blind, &LayoutSearch::NEAR],
         Depth::Standard | Depth::Exhaustive => {
-            &[&Blind, &InPlace, &LatticeSearch::NEAR, &LatticeSearch::FULL]
+            &[&Blind, &InPlace, &LayoutSearch::NEAR, &LayoutSearch::FULL]
         }
     }
 }
@@ -103,12 +103,12 @@ pub(super) fn stages(depth: Depth) -> &'static [&'static dyn Stage] {
 pub(super) fn late_stages(depth: Depth) -> &'static [&'static dyn Stage] {
     match depth {
         Depth::Fast | Depth::Standard => &[],
-        Depth::Exhaustive => &[&LatticeSearch::WIDE],
+        Depth::Exhaustive => &[&LayoutSearch::WIDE],
     }
 }
 
-/// A ladder on which somebody stands.
-pub(super) struct Climb {
+/// A cascade of detectors and what it has found so far.
+pub(super) struct Cascade {
     thresholds: Thresholds,
     charges: Charges,
     tried: Vec<(StageName, u64)>,
@@ -116,7 +116,7 @@ pub(super) struct Climb {
     on_host: BTreeMap<Uuid, f64>,
 }
 
-impl Climb {
+impl Cascade {
     /// At the foot.
     pub(super) fn new(thresholds: Thresholds, charges: Charges) -> Self {
         Self {
@@ -203,9 +203,9 @@ impl Climb {
     }
 
     /// What was found, best first.
-    pub(super) fn finish(self) -> Climbed {
+    pub(super) fn finish(self) -> CascadeOutcome {
         let mut found: Vec<Found> = self.best.into_values().collect();
         found.sort_by(|a, b| a.log10_fp.total_cmp(&b.log10_fp).then(a.id.cmp(&b.id)));
-        Climbed { tried: self.tried, found, on_host: self.on_host }
+        CascadeOutcome { tried: self.tried, found, on_host: self.on_host }
     }
 }

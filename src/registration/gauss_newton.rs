@@ -1,5 +1,5 @@
 //! One step of least squares towards the similarity under which distances along given directions
-//! vanish: the common core of point-to-plane alignment and of the last refinement of twins.
+//! vanish: the common core of point-to-plane alignment and of the last refinement of vertex correspondences.
 
 use glam::{DQuat, DVec3};
 

@@ -5,23 +5,23 @@
 use super::super::ServiceError;
 use super::super::verdict::{StageName, Thresholds};
 use super::blind::Blind;
+use super::cascade::{Cascade, Case, Found, Stage};
 use super::charge::Charges;
 use super::count::counted;
-use super::ladder::{Case, Climb, Found, Stage};
 use crate::watermark::CodewordIndex;
 
-/// The marks that match, of `all`, best first; notes in `climb` how many were tried.
-pub(super) fn later_marks(
+/// The marks that match, of `all`, best first; notes in `cascade` how many were tried.
+pub(super) fn overmarks(
     case: &Case<'_>,
     all: &CodewordIndex,
     thresholds: Thresholds,
-    climb: &mut Climb,
+    cascade: &mut Cascade,
 ) -> Result<Vec<Found>, ServiceError> {
-    let name = StageName::LaterMarks;
-    let mut later = Climb::new(thresholds, Charges::default());
+    let name = StageName::Overmarks;
+    let mut later = Cascade::new(thresholds, Charges::default());
     let everybody = Case { marks: all, named: None, ..*case };
     let tried = Blind.run(&everybody, later.worth(counted(name, 1)))?;
-    climb.tried(name, tried.hypotheses);
+    cascade.tried(name, tried.hypotheses);
     for candidate in tried.candidates {
         later.add(name, Blind.frame(), candidate, counted(name, tried.hypotheses));
     }

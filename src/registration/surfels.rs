@@ -1,4 +1,4 @@
-//! A host's surface as discs of equal area, the nearest of which is looked up in a grid: for the
+//! A host's surface as surfels of equal area, the nearest of which is looked up in a grid: for the
 //! many searches of rough alignment, that ask where the surface is about.
 //!
 //! A search in the tree of all triangles takes the longer the farther a point is from the surface
@@ -7,15 +7,15 @@
 
 use glam::DVec3;
 
-use super::align::{Ground, Touch, same_side};
-use super::rings::NONE;
-use super::scatter::{Point, scatter_until};
+use super::icp::{Ground, Touch, same_side};
+use super::one_rings::NONE;
+use super::samples::{Point, scatter_until};
 use super::shape::Shape;
 use super::similarity::Similarity;
 use crate::mesh::stop::{STEP, Stop, go_on};
 use crate::mesh::surface::doubled_area;
 
-/// Discs of a host.
+/// Surfels of a host.
 const DISCS: usize = 15_000;
 
 /// Points farther outside of the host's box than this share of its diagonal touch nothing.
@@ -27,11 +27,11 @@ const CELLS: f64 = 80.0;
 /// Cells around a point, each of which is looked at.
 const CELLS_AROUND: u64 = 8;
 
-/// A disc's radius over the side of the square that is its share of the area, so that discs that
+/// A surfel's radius over the side of the square that is its share of the area, so that surfels that
 /// lie at random leave few holes.
 const RADIUS: f64 = 1.5;
 
-/// A host's discs, and the nearest of them to each cell of a grid.
+/// A host's surfels, and the nearest of them to each cell of a grid.
 pub struct Discs {
     all: Vec<Point>,
     radius: f64,
@@ -80,7 +80,7 @@ impl Discs {
         Some(grid)
     }
 
-    /// Gives each disc to the cell that it lies in.
+    /// Gives each surfel to the cell that it lies in.
     fn sow(&mut self) {
         for number in (0..).take(self.all.len()) {
             let at = (self.all[number as usize].position - self.low) * CELLS;
@@ -90,7 +90,7 @@ impl Discs {
         }
     }
 
-    /// Hands discs on from cell to cell, forwards and backwards (Danielsson 1980).
+    /// Hands surfels on from cell to cell, forwards and backwards (Danielsson 1980).
     fn sweep(&mut self) {
         let [nx, ny, nz] = self.counts;
         let cells = nx * ny * nz;
@@ -111,7 +111,7 @@ impl Discs {
         }
     }
 
-    /// Gives a disc to a cell if it is nearer to its middle than the one that it has.
+    /// Gives a surfel to a cell if it is nearer to its middle than the one that it has.
     fn offer(&mut self, cell: usize, number: u32) {
         let Some(disc) = self.all.get(number as usize) else { return };
         let [nx, ny, _] = self.counts;
@@ -140,7 +140,7 @@ impl Discs {
 }
 
 impl Ground for Discs {
-    /// The nearest disc among those of the eight cells around the point, that faces the same way.
+    /// The nearest surfel among those of the eight cells around the point, that faces the same way.
     fn touch(&self, s: &Similarity, point: &Point, reach: f64, tests: &mut u64) -> Option<Touch> {
         *tests += CELLS_AROUND;
         let placed = s.apply(point.position);
@@ -169,8 +169,8 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::mesh::stop::never;
     use crate::mesh::surface::Surface;
-    use crate::registration::align::Target;
-    use crate::registration::scatter::scatter;
+    use crate::registration::icp::Target;
+    use crate::registration::samples::scatter;
     use crate::sample::Sample;
 
     fn shape(mesh: &Mesh) -> Shape {
@@ -194,7 +194,7 @@ mod tests {
                     };
                     let Some(exact) = touch(&target) else { continue };
                     let rough = touch(&discs).unwrap();
-                    // A disc's middle lies on the surface.
+                    // A surfel's middle lies on the surface.
                     assert!(rough > exact - discs.radius, "{rough} {exact}");
                     errors.push((rough - exact).abs());
                 }

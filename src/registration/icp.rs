@@ -10,8 +10,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::budget::Within;
-use super::newton::Equations;
-use super::scatter::Point;
+use super::gauss_newton::Equations;
+use super::samples::Point;
 use super::shape::Shape;
 use super::similarity::Similarity;
 use crate::mesh::powers::squared;
@@ -198,7 +198,7 @@ mod tests {
     use super::*;
     use crate::mesh::surface::Surface;
     use crate::registration::budget::{Budget, Within};
-    use crate::registration::scatter::scatter;
+    use crate::registration::samples::scatter;
     use crate::sample::Sample;
     use glam::DQuat;
 

@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use super::newton::Equations;
+use super::gauss_newton::Equations;
 use super::similarity::Similarity;
 use crate::mesh::powers::squared;
 use crate::mesh::stop::Stop;
@@ -101,7 +101,7 @@ pub fn polish(contacts: &[Contact], start: Similarity, stop: Stop<'_>) -> Simila
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registration::codes::mix;
+    use crate::registration::signatures::mix;
     use glam::DQuat;
 
     /// Points of a bowl that slid along it.

@@ -9,7 +9,7 @@ use quick_cache::sync::Cache;
 use super::super::ServiceError;
 use super::super::hosts::HostKey;
 use crate::jobs::Stop;
-use crate::recognition::Home;
+use crate::recognition::HostModel;
 use crate::registry::Record;
 use crate::watermark::{BitCount, EmbedParams, HostFilter, Method};
 
@@ -32,9 +32,9 @@ struct FilterKey {
 #[derive(Clone)]
 struct Bytes;
 
-impl Weighter<HostKey, Arc<Home>> for Bytes {
-    fn weight(&self, _: &HostKey, home: &Arc<Home>) -> u64 {
-        home.bytes() as u64
+impl Weighter<HostKey, Arc<HostModel>> for Bytes {
+    fn weight(&self, _: &HostKey, host_model: &Arc<HostModel>) -> u64 {
+        host_model.bytes() as u64
     }
 }
 
@@ -45,35 +45,35 @@ impl Weighter<FilterKey, Arc<HostFilter>> for Bytes {
 }
 
 /// The caches.
-pub(in super::super) struct Homes {
-    homes: Cache<HostKey, Arc<Home>, Bytes>,
+pub(in super::super) struct HostCache {
+    host_cache: Cache<HostKey, Arc<HostModel>, Bytes>,
     filters: Cache<FilterKey, Arc<HostFilter>, Bytes>,
 }
 
-impl Homes {
+impl HostCache {
     /// Empty ones.
     pub(in super::super) fn new() -> Self {
         let entries = usize::try_from(BYTES / USUAL_BYTES).unwrap_or(1);
         Self {
-            homes: Cache::with_weighter(entries, BYTES, Bytes),
+            host_cache: Cache::with_weighter(entries, BYTES, Bytes),
             filters: Cache::with_weighter(entries, BYTES, Bytes),
         }
     }
 
     /// A host, if it is there.
-    pub(super) fn home(&self, key: HostKey) -> Option<Arc<Home>> {
-        self.homes.get(&key)
+    pub(super) fn host_model(&self, key: HostKey) -> Option<Arc<HostModel>> {
+        self.host_cache.get(&key)
     }
 
     /// Keeps a host.
-    pub(super) fn keep(&self, key: HostKey, home: &Arc<Home>) {
-        self.homes.insert(key, home.clone());
+    pub(super) fn keep(&self, key: HostKey, host_model: &Arc<HostModel>) {
+        self.host_cache.insert(key, host_model.clone());
     }
 
-    /// The filter on a host of the marks of a lattice class that are otherwise like a record's.
+    /// The filter on a host of the marks of a layout class that are otherwise like a record's.
     pub(super) fn filter(
         &self,
-        host: (HostKey, &Home),
+        host: (HostKey, &HostModel),
         record: &Record,
         class: u8,
         stop: &Stop,

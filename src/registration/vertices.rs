@@ -1,18 +1,18 @@
 //! Suspect vertices that are host vertices: found by their codes, agreed upon by a similarity, and
 //! grown from there over everything that is connected alike.
 //!
-//! A crop that was moved, turned, scaled, mirrored and renumbered is brought home exactly; with
+//! A crop that was moved, turned, scaled, mirrored and renumbered is brought into the host's coordinates exactly; with
 //! a mark, noise, smoothing or quantisation on it the pairs stay the same, and their disturbances
 //! average out. Does nothing for a surface that was tessellated anew.
 
 use std::collections::VecDeque;
 use std::sync::OnceLock;
 
-use super::codes::{Code, Sense};
 use super::consensus::{Consensus, consensus, refine};
-use super::polish::{Contact, polish};
-use super::rings::NONE;
+use super::one_rings::NONE;
+use super::refinement::{Contact, polish};
 use super::shape::{Kind, Landmark, Shape};
+use super::signatures::{Code, Sense};
 use super::similarity::{Pair, Similarity};
 use crate::mesh::stop::{STEP, Stop, go_on, mapped, once};
 
@@ -281,7 +281,7 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::mesh::stop::never;
     use crate::mesh::surface::Surface;
-    use crate::registration::codes::mix;
+    use crate::registration::signatures::mix;
     use crate::registration::similarity::tests::awkward;
     use crate::sample::Sample;
     use glam::DVec3;

@@ -1,7 +1,7 @@
-//! The lattice search: where the bins lie is found from the suspect alone, then every mark is
+//! The layout search: where the bins lie is found from the suspect alone, then every mark is
 //! scored there. For files whose extremes or centre have moved.
 //!
-//! Not all lattices fit all classes, so how many readings a record is scored against depends on its
+//! Not all bin layouts fit all classes, so how many readings a record is scored against depends on its
 //! class. That number is not counted, for it would tell the class to whoever asks about one record;
 //! what is counted is its mean over all classes. That is sound: a class is drawn by the key, uniformly
 //! and independently of the suspect, so the probability that a record of whatever class scores so high
@@ -11,42 +11,42 @@ use std::collections::BTreeMap;
 
 use super::super::ServiceError;
 use super::super::verdict::{FrameName, StageName};
+use super::cascade::{Case, Stage, Tried};
 use super::go_on;
-use super::ladder::{Case, Stage, Tried};
 use crate::watermark::{
-    BitCount, Effort, GroupKey, LATTICE_CLASSES, Lattices, Modulation, Worth, synchronise_until,
+    BitCount, Effort, GroupKey, LAYOUT_CLASSES, Layouts, Modulation, Worth, synchronise_until,
 };
 
 /// Kinds of marks (number of bits and modulation) that are searched for, those with most records
 /// first: each costs a search of its own.
 const MOST_KINDS: usize = 4;
 
-/// A lattice search, near or far. Over the attacks of `benches/blind.rs` the true lattice was among
+/// A layout search, near or far. Over the attacks of `benches/blind.rs` the true bin layout was among
 /// the best three about its centre, and that centre among the best two by energy.
-pub(super) struct LatticeSearch {
+pub(super) struct LayoutSearch {
     name: StageName,
     effort: Effort,
 }
 
-impl LatticeSearch {
+impl LayoutSearch {
     /// For extremes that have moved and centres that hardly have: stray vertices, smoothing.
     pub(super) const NEAR: Self = Self {
-        name: StageName::NearLattices,
-        effort: Effort { radius: 0.002, candidates: 3, centres: 2, lattices: 3 },
+        name: StageName::LayoutSearchNear,
+        effort: Effort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 },
     };
     /// For a cut of 2 %, which moves the centre by up to 1.7 % of the diagonal.
     pub(super) const FULL: Self = Self {
-        name: StageName::Lattices,
-        effort: Effort { radius: 0.018, candidates: 4, centres: 2, lattices: 4 },
+        name: StageName::LayoutSearch,
+        effort: Effort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 },
     };
     /// For a cut of 5 %.
     pub(super) const WIDE: Self = Self {
-        name: StageName::WideLattices,
-        effort: Effort { radius: 0.04, candidates: 8, centres: 6, lattices: 8 },
+        name: StageName::LayoutSearchWide,
+        effort: Effort { radius: 0.04, candidates: 8, centres: 6, layouts: 8 },
     };
 }
 
-impl Stage for LatticeSearch {
+impl Stage for LayoutSearch {
     fn name(&self) -> StageName {
         self.name
     }
@@ -56,7 +56,7 @@ impl Stage for LatticeSearch {
     }
 
     fn run(&self, case: &Case<'_>, worth: Worth) -> Result<Tried, ServiceError> {
-        let mut lattices: BTreeMap<(BitCount, Modulation), Lattices> = BTreeMap::new();
+        let mut layouts: BTreeMap<(BitCount, Modulation), Layouts> = BTreeMap::new();
         let mut counted = 0_u64;
         for ((bits, modulation), records) in case.marks.kinds().into_iter().take(MOST_KINDS) {
             go_on(case.stop)?;
@@ -64,10 +64,10 @@ impl Stage for LatticeSearch {
             let found = synchronise_until(case.suspect, bits, modulation, &self.effort, &stop);
             go_on(case.stop)?;
             counted = counted.saturating_add(hypotheses(records, &found));
-            lattices.insert((bits, modulation), found);
+            layouts.insert((bits, modulation), found);
         }
         let read = |key: GroupKey| {
-            let found = lattices.get(&(key.bits, key.modulation));
+            let found = layouts.get(&(key.bits, key.modulation));
             found.map(|found| found.of_class(key.class)).unwrap_or_default()
         };
         let search = case.marks.search(&read, worth);
@@ -76,9 +76,9 @@ impl Stage for LatticeSearch {
 }
 
 /// What is counted for so many records of one kind, of whatever classes.
-fn hypotheses(records: usize, found: &Lattices) -> u64 {
+fn hypotheses(records: usize, found: &Layouts) -> u64 {
     let readings = (records as u64).saturating_mul(found.of_all_classes() as u64);
-    readings.div_ceil(LATTICE_CLASSES as u64)
+    readings.div_ceil(LAYOUT_CLASSES as u64)
 }
 
 /// What is worth a report when at least so many hypotheses are counted.
@@ -108,7 +108,7 @@ mod tests {
                 key[..4].copy_from_slice(&seed.to_le_bytes());
                 Codeword::new(&MarkKey::from_bytes(key), &message)
             })
-            .find(|codeword| codeword.lattice_class() == class)
+            .find(|codeword| codeword.layout_class() == class)
             .unwrap()
     }
 
@@ -118,13 +118,13 @@ mod tests {
         let keys = KeyRing::from_hex(&"5a".repeat(32)).unwrap();
         let stop = Stop::new(Instant::now() + Duration::from_hours(1), CancellationToken::new());
         let (bits, modulation) = (BitCount::default(), Modulation::Mean);
-        let search = LatticeSearch::NEAR;
+        let search = LayoutSearch::NEAR;
         let found = synchronise(&suspect, bits, modulation, &search.effort);
         let mut scored: Vec<usize> = (0..=u8::MAX).map(|c| found.of_class(c).len()).collect();
-        let mean = scored.iter().sum::<usize>().div_ceil(LATTICE_CLASSES) as u64;
+        let mean = scored.iter().sum::<usize>().div_ceil(LAYOUT_CLASSES) as u64;
         scored.sort_unstable();
         scored.dedup();
-        assert!(scored.len() > 1, "as many lattices for each class: this shows nothing");
+        assert!(scored.len() > 1, "as many bin layouts for each class: this shows nothing");
         let worth = Worth { log10_bound: 0.0, most: 1 };
         for class in (0..=u8::MAX).step_by(15) {
             let mut marks = CodewordIndex::default();

@@ -1,22 +1,23 @@
-//! The looks of a suspect at a host, one after the other.
+//! The pose hypotheses of a suspect at a host, one after the other.
 
 use std::ops::ControlFlow;
 
 use glam::DVec3;
 
-use super::home::{Home, Visitor};
+use super::model::{HostModel, SuspectModel};
 use crate::mesh::powers::squared;
 use crate::mesh::stop::{self, Stop, changed, chosen};
 use crate::mesh::surface::Surface;
 use crate::registration::similarity::{Pair, fit};
 use crate::registration::{
-    Alignment, Effort, PreparedHost, Similarity, Within, by_surface, by_twins, in_place, suffices,
+    Alignment, Effort, PreparedHost, Similarity, Within, by_surface, by_vertices, in_place,
+    suffices,
 };
-use crate::watermark::{Frame, Sighting};
+use crate::watermark::{Correspondence, Frame};
 
-/// What a look assumes.
+/// What a pose hypothesis assumes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LookKind {
+pub enum PoseKind {
     /// The suspect kept the host's coordinates; vertices are the same if the file kept their
     /// number and order, too.
     InPlace,
@@ -31,8 +32,8 @@ pub enum LookKind {
     Turned(usize),
 }
 
-/// The part of a host's error probability that a look may spend, by kind; they add up to 1.
-impl LookKind {
+/// The part of a host's error probability that a pose hypothesis may spend, by kind; they add up to 1.
+impl PoseKind {
     /// Its share.
     #[must_use]
     pub fn share(self) -> f64 {
@@ -63,22 +64,22 @@ const SAME: f64 = 0.05;
 
 /// An assumption about where a suspect lies.
 #[derive(Debug, Clone)]
-pub struct Look {
+pub struct PoseHypothesis {
     /// What it rests on.
-    pub kind: LookKind,
+    pub kind: PoseKind,
     /// From the suspect's coordinates to the host's.
     pub similarity: Similarity,
     /// Carriers of the host where the suspect has them, in the host's coordinates; none when only
     /// the frame is assumed.
-    pub sightings: Vec<Sighting>,
+    pub correspondences: Vec<Correspondence>,
 }
 
-impl Look {
+impl PoseHypothesis {
     /// Whether it says where the suspect's surface lies: one that only assumes that nothing was moved is
-    /// followed by another ([`LookKind::Near`]) where that is so.
+    /// followed by another ([`PoseKind::Near`]) where that is so.
     #[must_use]
     pub fn is_placed(&self) -> bool {
-        self.kind != LookKind::InPlace || !self.sightings.is_empty()
+        self.kind != PoseKind::InPlace || !self.correspondences.is_empty()
     }
 
     /// Where it puts the suspect's carriers, and whether that turns the surface inside out.
@@ -99,123 +100,135 @@ impl Look {
     }
 }
 
-/// Hands one look after the other to `see`, the cheap ones first, until it breaks, there are no more
+/// Hands one pose hypothesis after the other to `see`, the cheap ones first, until it breaks, there are no more
 /// or `stop` says so.
-pub fn looks(
-    home: &Home,
-    visitor: &Visitor<'_>,
+pub fn poses(
+    host_model: &HostModel,
+    suspect_model: &SuspectModel<'_>,
     effort: Effort,
     within: Within<'_>,
-    see: &mut dyn FnMut(Look) -> ControlFlow<()>,
+    see: &mut dyn FnMut(PoseHypothesis) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
     let go_on = || if (within.stop)() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let still = Similarity::IDENTITY;
-    let ordered = in_order(home, visitor, within.stop).unwrap_or_default();
+    let ordered = in_order(host_model, suspect_model, within.stop).unwrap_or_default();
     go_on()?;
-    let unmoved = is_same(home, median_off(&ordered, &still));
+    let unmoved = is_same(host_model, median_off(&ordered, &still));
     go_on()?;
-    let sightings = if unmoved { sightings(&ordered, &still) } else { Vec::new() };
-    see(Look { kind: LookKind::InPlace, similarity: still, sightings })?;
+    let correspondences = if unmoved { correspondences(&ordered, &still) } else { Vec::new() };
+    see(PoseHypothesis { kind: PoseKind::InPlace, similarity: still, correspondences })?;
     go_on()?;
-    if let Some(look) = same_order(home, ordered, within.stop) {
-        see(look)?;
+    if let Some(pose) = same_order(host_model, ordered, within.stop) {
+        see(pose)?;
     }
     let (Some(host), Some(suspect)) =
-        (home.prepared(within.stop), visitor.prepared(home, within.stop))
+        (host_model.prepared(within.stop), suspect_model.prepared(host_model, within.stop))
     else {
         return ControlFlow::Continue(());
     };
-    if let Some(twins) = by_twins(host, suspect, within.stop) {
+    if let Some(twins) = by_vertices(host, suspect, within.stop) {
         let enough = suffices(host, suspect, &twins, within);
         let rank = if enough { 0 } else { FEW_TWINS };
         let similarity = twins.similarity;
-        see(from_alignment(home, visitor, twins, LookKind::Registered(rank)))?;
+        see(from_alignment(host_model, suspect_model, twins, PoseKind::Registered(rank)))?;
         if enough {
-            // (Every vertex may have twins in several places.)
-            return see_turned(host, &similarity, within.stop, see);
+            // (Every vertex may have correspondences in several places.)
+            return symmetric_poses(host, &similarity, within.stop, see);
         }
     }
     let near = in_place(host, suspect, true, within);
     let known: Vec<Alignment> = near.into_iter().collect();
     for alignment in &known {
         go_on()?;
-        see(from_alignment(home, visitor, alignment.clone(), LookKind::Near))?;
+        see(from_alignment(host_model, suspect_model, alignment.clone(), PoseKind::Near))?;
     }
     let found = by_surface(host, suspect, effort, &known, within);
     let best = found.first().or(known.first()).map(|best| best.similarity);
     for (rank, alignment) in found.into_iter().take(FEW_TWINS).enumerate() {
         go_on()?;
-        see(from_alignment(home, visitor, alignment, LookKind::Registered(rank)))?;
+        see(from_alignment(host_model, suspect_model, alignment, PoseKind::Registered(rank)))?;
     }
-    best.map_or(ControlFlow::Continue(()), |best| see_turned(host, &best, within.stop, see))
+    best.map_or(ControlFlow::Continue(()), |best| symmetric_poses(host, &best, within.stop, see))
 }
 
-/// The looks after one under which the suspect lies on a host that lies on itself in several ways: its shape
+/// The pose hypotheses after one under which the suspect lies on a host that lies on itself in several ways: its shape
 /// does not say in which.
-fn see_turned(
+fn symmetric_poses(
     host: &PreparedHost,
     similarity: &Similarity,
     stop: Stop<'_>,
-    see: &mut dyn FnMut(Look) -> ControlFlow<()>,
+    see: &mut dyn FnMut(PoseHypothesis) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
     let turns = host.symmetries(stop).unwrap_or_default();
     for turn in turns {
         if stop() {
             return ControlFlow::Break(());
         }
-        let kind = LookKind::Turned(turns.len());
-        see(Look { kind, similarity: similarity.then(turn), sightings: Vec::new() })?;
+        let kind = PoseKind::Turned(turns.len());
+        see(PoseHypothesis {
+            kind,
+            similarity: similarity.then(turn),
+            correspondences: Vec::new(),
+        })?;
     }
     ControlFlow::Continue(())
 }
 
 /// The same with a `see` that says whether it has seen enough.
-pub(super) fn looks_until(
-    home: &Home,
-    visitor: &Visitor<'_>,
+pub(super) fn poses_until(
+    host_model: &HostModel,
+    suspect_model: &SuspectModel<'_>,
     effort: Effort,
     within: Within<'_>,
-    see: &mut dyn FnMut(&Look) -> bool,
+    see: &mut dyn FnMut(&PoseHypothesis) -> bool,
 ) -> ControlFlow<()> {
-    looks(home, visitor, effort, within, &mut |look| {
-        if see(&look) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    poses(host_model, suspect_model, effort, within, &mut |pose| {
+        if see(&pose) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })
 }
 
 fn from_alignment(
-    home: &Home,
-    visitor: &Visitor<'_>,
+    host_model: &HostModel,
+    suspect_model: &SuspectModel<'_>,
     alignment: Alignment,
-    kind: LookKind,
-) -> Look {
+    kind: PoseKind,
+) -> PoseHypothesis {
     let Alignment { similarity, pairs, .. } = alignment;
-    let sighting = |&[suspect, carrier]: &[u32; 2]| {
-        let at = visitor.surface(home).positions.get(suspect as usize)?;
-        Some(Sighting { carrier, at: similarity.apply(*at) })
+    let correspondence = |&[suspect, carrier]: &[u32; 2]| {
+        let at = suspect_model.surface(host_model).positions.get(suspect as usize)?;
+        Some(Correspondence { carrier, at: similarity.apply(*at) })
     };
-    Look { kind, similarity, sightings: pairs.iter().filter_map(sighting).collect() }
+    PoseHypothesis {
+        kind,
+        similarity,
+        correspondences: pairs.iter().filter_map(correspondence).collect(),
+    }
 }
 
 /// Vertices paired by their number, where host and suspect have equally many; `None` once `stop`
 /// answers `true`.
-fn in_order(home: &Home, visitor: &Visitor<'_>, stop: Stop<'_>) -> Option<Vec<Pair>> {
-    let (host, suspect) = (home.mesh().positions(), visitor.mesh().positions());
+fn in_order(
+    host_model: &HostModel,
+    suspect_model: &SuspectModel<'_>,
+    stop: Stop<'_>,
+) -> Option<Vec<Pair>> {
+    let (host, suspect) = (host_model.mesh().positions(), suspect_model.mesh().positions());
     if host.len() != suspect.len() {
         return None;
     }
-    let carriers = &home.surface().positions;
+    let carriers = &host_model.surface().positions;
     let pair = |carrier: usize, &vertex: &u32| {
         let from = suspect.get(vertex as usize).copied();
         from.map(|from| Pair { from, to: carriers[carrier], weight: 1.0 })
     };
-    let pairs = chosen(&home.surface().first_vertex, stop, pair)?;
+    let pairs = chosen(&host_model.surface().first_vertex, stop, pair)?;
     (pairs.len() == carriers.len()).then_some(pairs)
 }
 
 /// Where the pairs' carriers are under a similarity.
-fn sightings(pairs: &[Pair], similarity: &Similarity) -> Vec<Sighting> {
+fn correspondences(pairs: &[Pair], similarity: &Similarity) -> Vec<Correspondence> {
     let at = |p: &Pair| similarity.apply(p.from);
-    (0..).zip(pairs).map(|(carrier, p)| Sighting { carrier, at: at(p) }).collect()
+    (0..).zip(pairs).map(|(carrier, p)| Correspondence { carrier, at: at(p) }).collect()
 }
 
 /// Infinite where there are no pairs.
@@ -229,12 +242,16 @@ fn median_off(pairs: &[Pair], similarity: &Similarity) -> f64 {
     *all.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-fn is_same(home: &Home, median: f64) -> bool {
-    median <= SAME * home.surface().diagonal()
+fn is_same(host_model: &HostModel, median: f64) -> bool {
+    median <= SAME * host_model.surface().diagonal()
 }
 
 /// A suspect that was moved, by the order of its vertices; `None` once `stop` answers `true`.
-fn same_order(home: &Home, mut pairs: Vec<Pair>, stop: Stop<'_>) -> Option<Look> {
+fn same_order(
+    host_model: &HostModel,
+    mut pairs: Vec<Pair>,
+    stop: Stop<'_>,
+) -> Option<PoseHypothesis> {
     let mut similarity = fit(&pairs, false)?;
     let mut median = f64::INFINITY;
     for _ in 0..ROUNDS {
@@ -252,8 +269,12 @@ fn same_order(home: &Home, mut pairs: Vec<Pair>, stop: Stop<'_>) -> Option<Look>
         similarity = fit(&pairs, false)?;
     }
     stop::go_on(stop)?;
-    let sightings = sightings(&pairs, &similarity);
-    is_same(home, median).then_some(Look { kind: LookKind::SameOrder, similarity, sightings })
+    let correspondences = correspondences(&pairs, &similarity);
+    is_same(host_model, median).then_some(PoseHypothesis {
+        kind: PoseKind::SameOrder,
+        similarity,
+        correspondences,
+    })
 }
 
 #[cfg(test)]
@@ -266,14 +287,14 @@ mod tests {
     use crate::sample::Sample;
     use glam::{DQuat, DVec3};
 
-    fn all(home: &Home, suspect: &Mesh) -> Vec<Look> {
+    fn all(host_model: &HostModel, suspect: &Mesh) -> Vec<PoseHypothesis> {
         let surface = Surface::new(suspect);
         let mut seen = Vec::new();
         let budget = Budget::new(u64::MAX);
         let within = Within { budget: &budget, stop: &|| false };
-        let visitor = Visitor::new(suspect, &surface);
-        let _ = looks(home, &visitor, Effort::Whole, within, &mut |look| {
-            seen.push(look);
+        let suspect_model = SuspectModel::new(suspect, &surface);
+        let _ = poses(host_model, &suspect_model, Effort::Whole, within, &mut |pose| {
+            seen.push(pose);
             ControlFlow::Continue(())
         });
         seen
@@ -281,35 +302,35 @@ mod tests {
 
     #[test]
     fn the_shares_of_all_looks_add_up_to_at_most_one() {
-        let registered: f64 = (0..=FEW_TWINS).map(|k| LookKind::Registered(k).share()).sum();
-        let rest = [LookKind::InPlace, LookKind::SameOrder, LookKind::Near, LookKind::Turned(1)];
-        let rest = rest.map(LookKind::share);
+        let registered: f64 = (0..=FEW_TWINS).map(|k| PoseKind::Registered(k).share()).sum();
+        let rest = [PoseKind::InPlace, PoseKind::SameOrder, PoseKind::Near, PoseKind::Turned(1)];
+        let rest = rest.map(PoseKind::share);
         assert!(registered + rest.iter().sum::<f64>() <= 1.0 + 1e-12);
     }
 
     #[test]
     fn a_copy_that_kept_its_place_and_order_is_compared_vertex_by_vertex_where_it_lies() {
         let mesh = Sample::Blob.mesh(3000).unwrap();
-        let home = Home::new(mesh.clone());
+        let host_model = HostModel::new(mesh.clone());
         // Shrunk a little, as smoothing does: a fit would undo it.
         let shrunk: Vec<DVec3> = mesh.positions().iter().map(|p| 0.99 * p).collect();
         let suspect = Mesh::new(shrunk.clone(), mesh.triangles().to_vec()).unwrap();
-        let seen = all(&home, &suspect);
-        assert_eq!(seen[0].kind, LookKind::InPlace);
-        assert_eq!(seen[0].sightings.len(), home.surface().positions.len());
-        for s in &seen[0].sightings {
-            let vertex = home.surface().first_vertex[s.carrier as usize];
+        let seen = all(&host_model, &suspect);
+        assert_eq!(seen[0].kind, PoseKind::InPlace);
+        assert_eq!(seen[0].correspondences.len(), host_model.surface().positions.len());
+        for s in &seen[0].correspondences {
+            let vertex = host_model.surface().first_vertex[s.carrier as usize];
             assert_eq!(s.at, shrunk[vertex as usize]);
         }
         let moved = shrunk.iter().map(|p| p + DVec3::ONE).collect();
         let moved = Mesh::new(moved, mesh.triangles().to_vec()).unwrap();
-        assert!(all(&home, &moved)[0].sightings.is_empty());
+        assert!(all(&host_model, &moved)[0].correspondences.is_empty());
     }
 
     #[test]
     fn a_moved_copy_is_seen_at_home_by_its_order_and_by_its_vertices() {
         let mesh = Sample::Blob.mesh(6000).unwrap();
-        let home = Home::new(mesh.clone());
+        let host_model = HostModel::new(mesh.clone());
         let place = Similarity {
             scale: 0.3,
             rotation: DQuat::from_rotation_y(1.1),
@@ -317,17 +338,17 @@ mod tests {
         };
         let moved: Vec<DVec3> = mesh.positions().iter().map(|&p| place.apply(p)).collect();
         let copy = Mesh::new(moved.clone(), mesh.triangles().to_vec()).unwrap();
-        let seen = all(&home, &copy);
-        let kinds: Vec<LookKind> = seen.iter().map(|look| look.kind).collect();
-        assert_eq!(kinds, [LookKind::InPlace, LookKind::SameOrder, LookKind::Registered(0)]);
-        for look in &seen[1..] {
-            assert!(look.sightings.len() > 4000, "{:?}", look.kind);
-            for s in &look.sightings {
-                let own = home.surface().positions[s.carrier as usize];
-                assert!(own.distance(s.at) < 1e-5, "{:?}", look.kind);
+        let seen = all(&host_model, &copy);
+        let kinds: Vec<PoseKind> = seen.iter().map(|pose| pose.kind).collect();
+        assert_eq!(kinds, [PoseKind::InPlace, PoseKind::SameOrder, PoseKind::Registered(0)]);
+        for pose in &seen[1..] {
+            assert!(pose.correspondences.len() > 4000, "{:?}", pose.kind);
+            for s in &pose.correspondences {
+                let own = host_model.surface().positions[s.carrier as usize];
+                assert!(own.distance(s.at) < 1e-5, "{:?}", pose.kind);
             }
             let frame = Frame { centre: DVec3::ONE, rho_min: 0.1, rho_max: 1.0 };
-            let there = look.frame_of(&frame);
+            let there = pose.frame_of(&frame);
             assert!(there.centre.distance(place.apply(DVec3::ONE)) < 1e-5);
             assert!((there.radial_extent() - 0.3 * 0.9).abs() < 1e-6);
         }
@@ -335,15 +356,15 @@ mod tests {
         let kept: Vec<[u32; 3]> =
             mesh.triangles().iter().copied().filter(|t| moved[t[0] as usize].x > 4.0).collect();
         let part = Mesh::new([moved, vec![DVec3::ZERO]].concat(), kept).unwrap();
-        let kinds: Vec<LookKind> = all(&home, &part).iter().map(|look| look.kind).collect();
-        assert_eq!(kinds, [LookKind::InPlace, LookKind::Registered(0)]);
+        let kinds: Vec<PoseKind> = all(&host_model, &part).iter().map(|pose| pose.kind).collect();
+        assert_eq!(kinds, [PoseKind::InPlace, PoseKind::Registered(0)]);
     }
 
-    /// The shape does not say which of the five is the suspect's, so each has to be among the looks.
+    /// The shape does not say which of the five is the suspect's, so each has to be among the pose hypotheses.
     #[test]
     fn a_new_tessellation_of_a_symmetric_host_is_seen_in_every_pose() {
         let host = crown(5, [240, 40]);
-        let home = Home::new(host.clone());
+        let host_model = HostModel::new(host.clone());
         let anew = crown(5, [170, 30]);
         let away = Similarity {
             scale: 0.3,
@@ -355,46 +376,46 @@ mod tests {
             let place = |p: &DVec3| away.apply(turn * *p);
             let positions: Vec<DVec3> = anew.positions().iter().map(place).collect();
             let suspect = Mesh::new(positions, anew.triangles().to_vec()).unwrap();
-            let off = |look: &Look| {
-                let off = |p: &DVec3| look.similarity.apply(place(p)).distance(*p);
+            let off = |pose: &PoseHypothesis| {
+                let off = |p: &DVec3| pose.similarity.apply(place(p)).distance(*p);
                 anew.positions().iter().map(off).fold(0.0, f64::max)
             };
-            let least = all(&home, &suspect).iter().map(off).fold(f64::INFINITY, f64::min);
-            assert!(least < 5e-3 * home.surface().diagonal(), "{pose}: {least}");
+            let least = all(&host_model, &suspect).iter().map(off).fold(f64::INFINITY, f64::min);
+            assert!(least < 5e-3 * host_model.surface().diagonal(), "{pose}: {least}");
         }
     }
 
     #[test]
     fn a_copy_whose_triangles_were_turned_over_is_seen_where_it_lies() {
         let host = Sample::Blob.mesh(6000).unwrap();
-        let home = Home::new(host.clone());
+        let host_model = HostModel::new(host.clone());
         let over = |mesh: &Mesh| mesh.triangles().iter().map(|&[a, b, c]| [a, c, b]).collect();
         let place = |p: &DVec3| DQuat::from_rotation_x(0.7) * *p * 3.0 + DVec3::ONE;
         for copy in [host, Sample::Blob.mesh(4000).unwrap()] {
             let moved = copy.positions().iter().map(place).collect();
             let suspect = Mesh::new(moved, over(&copy)).unwrap();
-            let off = |look: &Look| {
-                let off = |p: &DVec3| look.similarity.apply(place(p)).distance(*p);
+            let off = |pose: &PoseHypothesis| {
+                let off = |p: &DVec3| pose.similarity.apply(place(p)).distance(*p);
                 copy.positions().iter().map(off).fold(0.0, f64::max)
             };
-            let placed = all(&home, &suspect).into_iter();
-            let registered = placed.filter(|look| look.kind == LookKind::Registered(0));
-            let least = registered.map(|look| off(&look)).fold(f64::INFINITY, f64::min);
-            assert!(least < 2e-3 * home.surface().diagonal(), "{least}");
+            let placed = all(&host_model, &suspect).into_iter();
+            let registered = placed.filter(|pose| pose.kind == PoseKind::Registered(0));
+            let least = registered.map(|pose| off(&pose)).fold(f64::INFINITY, f64::min);
+            assert!(least < 2e-3 * host_model.surface().diagonal(), "{least}");
         }
     }
 
     #[test]
     fn a_new_tessellation_in_place_is_seen_there_first_and_not_twice() {
         let mesh = Sample::Knot.mesh(6000).unwrap();
-        let home = Home::new(mesh.clone());
-        let seen = all(&home, &Sample::Knot.mesh(4000).unwrap());
-        let kinds: Vec<LookKind> = seen.iter().map(|look| look.kind).collect();
-        assert_eq!(kinds[..2], [LookKind::InPlace, LookKind::Near]);
-        for look in &seen[2..] {
-            let off = |&p: &DVec3| look.similarity.apply(p).distance(p);
+        let host_model = HostModel::new(mesh.clone());
+        let seen = all(&host_model, &Sample::Knot.mesh(4000).unwrap());
+        let kinds: Vec<PoseKind> = seen.iter().map(|pose| pose.kind).collect();
+        assert_eq!(kinds[..2], [PoseKind::InPlace, PoseKind::Near]);
+        for pose in &seen[2..] {
+            let off = |&p: &DVec3| pose.similarity.apply(p).distance(p);
             let most = mesh.positions().iter().map(off).fold(0.0, f64::max);
-            assert!(most > 5e-3 * home.surface().diagonal(), "{:?}", look.kind);
+            assert!(most > 5e-3 * host_model.surface().diagonal(), "{:?}", pose.kind);
         }
     }
 }

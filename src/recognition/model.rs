@@ -10,7 +10,7 @@ use crate::registration::{PreparedHost, PreparedSuspect, Shape};
 use crate::relief::ReliefHost;
 
 /// A host, ready for suspects; worth keeping between them.
-pub struct Home {
+pub struct HostModel {
     mesh: Mesh,
     surface: Surface,
     faces_inward: Option<bool>,
@@ -18,7 +18,7 @@ pub struct Home {
     relief: OnceLock<Option<ReliefHost>>,
 }
 
-impl Home {
+impl HostModel {
     /// Takes a host's geometry over.
     #[must_use]
     pub fn new(mesh: Mesh) -> Self {
@@ -75,7 +75,7 @@ impl Home {
 }
 
 /// A suspect, ready for hosts.
-pub struct Visitor<'a> {
+pub struct SuspectModel<'a> {
     mesh: &'a Mesh,
     surface: &'a Surface,
     faces_inward: Option<bool>,
@@ -89,7 +89,7 @@ struct Over {
     prepared: OnceLock<Option<PreparedSuspect>>,
 }
 
-impl<'a> Visitor<'a> {
+impl<'a> SuspectModel<'a> {
     /// A mesh and its carriers.
     #[must_use]
     pub fn new(mesh: &'a Mesh, surface: &'a Surface) -> Self {
@@ -105,23 +105,27 @@ impl<'a> Visitor<'a> {
 
     /// Its carriers; with triangles that face as the host's do where both have an inside.
     #[must_use]
-    pub fn surface(&self, home: &Home) -> &Surface {
-        self.over(home).map_or(self.surface, |over| &over.surface)
+    pub fn surface(&self, host_model: &HostModel) -> &Surface {
+        self.over(host_model).map_or(self.surface, |over| &over.surface)
     }
 
     /// `None` where there is no shape, and once `stop` answers `true`.
-    pub(super) fn prepared(&self, home: &Home, stop: Stop<'_>) -> Option<&PreparedSuspect> {
+    pub(super) fn prepared(
+        &self,
+        host_model: &HostModel,
+        stop: Stop<'_>,
+    ) -> Option<&PreparedSuspect> {
         let prepare = || {
-            let shape = Shape::new_until(self.surface(home).clone(), stop);
+            let shape = Shape::new_until(self.surface(host_model).clone(), stop);
             let prepared = shape.and_then(|shape| PreparedSuspect::new_until(shape, stop));
             go_on(stop).map(|()| prepared)
         };
-        let prepared = self.over(home).map_or(&self.prepared, |over| &over.prepared);
+        let prepared = self.over(host_model).map_or(&self.prepared, |over| &over.prepared);
         once(prepared, prepare)?.as_ref()
     }
 
-    fn over(&self, home: &Home) -> Option<&Over> {
-        let inside_out = self.faces_inward? != home.faces_inward?;
+    fn over(&self, host_model: &HostModel) -> Option<&Over> {
+        let inside_out = self.faces_inward? != host_model.faces_inward?;
         let make = || Over { surface: turned_over(self.surface), prepared: OnceLock::new() };
         inside_out.then(|| self.over.get_or_init(make))
     }

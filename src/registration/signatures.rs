@@ -13,7 +13,7 @@
 
 use glam::DVec3;
 
-use super::rings::{MAX_VALENCE, NONE, Rings};
+use super::one_rings::{MAX_VALENCE, NONE, Rings};
 use crate::mesh::mixing::mixed;
 use crate::mesh::stop::{Stop, counted, in_steps_of, mapped, unstopped};
 

@@ -9,7 +9,7 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::budget::Stop;
-use super::scatter::Point;
+use super::samples::Point;
 use super::similarity::Similarity;
 use super::spin::{Spin, spins};
 use crate::mesh::powers::squared;
@@ -174,7 +174,7 @@ fn two(a: &Alike, b: &Alike, scale: f64) -> Option<Similarity> {
 mod tests {
     use super::*;
     use crate::mesh::surface::Surface;
-    use crate::registration::scatter::scatter;
+    use crate::registration::samples::scatter;
     use crate::registration::shape::Shape;
     use crate::sample::Sample;
 

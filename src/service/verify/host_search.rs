@@ -1,10 +1,10 @@
-//! The dear detectors: a suspect is brought home to the hosts of a short list and read there, in the
+//! The expensive detectors: a suspect is brought into the coordinates of hosts of a short list and read there, in the
 //! host's own frame and by the matched filter (`recipients`).
 //!
 //! What may be scored is fixed before anything is: each host has a share of the error probability by
-//! its place on the short list (`shortlist::shares`), each look at it a share of that, and within a look each record of the
+//! its place on the short list (`shortlist::shares`), each pose hypothesis at it a share of that, and within a pose hypothesis each record of the
 //! host counts. So it is no matter where the search ends, or for which of many recipients' copies the
-//! filter (the dearest) is really run.
+//! filter (the most expensive) is really run.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -15,15 +15,15 @@ use super::super::ServiceError;
 use super::super::hosts::HostKey;
 use super::super::known::codeword;
 use super::super::verdict::{FrameName, StageName};
+use super::cascade::{Cascade, Found, MOST_MATCHES};
 use super::count::share;
-use super::homes::Homes;
-use super::ladder::{Climb, Found, MOST_MATCHES};
+use super::host_cache::HostCache;
 use super::recipients::{Recipients, Seen};
 use super::{Depth, go_on, relief};
 use crate::jobs::Stop;
 use crate::keys::KeyRing;
 use crate::mesh::Mesh;
-use crate::recognition::{Home, Look, LookKind, Visitor, looks, share_on};
+use crate::recognition::{HostModel, PoseHypothesis, PoseKind, SuspectModel, poses, share_on};
 use crate::registration::{Allowed, Effort, Within};
 use crate::registry::Record;
 use crate::watermark::{
@@ -31,18 +31,18 @@ use crate::watermark::{
 };
 
 /// Fewer vertices than this that are known one by one say too little for the matched filter.
-const LEAST_SIGHTINGS: usize = 32;
+const LEAST_CORRESPONDENCES: usize = 32;
 
 /// Share of its strength that a statistic of a sound mark has at least, and share of the bins of
 /// which that is expected. (The embedder gives up to a tenth of the bins less where more would be
-/// dear; in the mean of two copies it is a quarter to a half of them.)
+/// expensive; in the mean of two copies it is a quarter to a half of them.)
 const SOUND: f64 = 0.6;
 const SOUND_BINS: f64 = 0.9;
 
 /// A host of the short list.
-pub(super) struct Housed {
+pub(super) struct CandidateHost {
     pub(super) key: HostKey,
-    pub(super) home: Arc<Home>,
+    pub(super) host_model: Arc<HostModel>,
     /// The part of the error probability that it may spend.
     pub(super) share: f64,
     /// Ids of its records that are asked about, ascending.
@@ -51,7 +51,7 @@ pub(super) struct Housed {
     pub(super) records: Vec<Record>,
 }
 
-impl Housed {
+impl CandidateHost {
     /// A record by its id.
     pub(super) fn record(&self, id: u128) -> Option<&Record> {
         let at = self.records.binary_search_by_key(&id, |record| record.id.as_u128()).ok()?;
@@ -65,15 +65,15 @@ impl Housed {
 }
 
 /// What is compared.
-pub(super) struct Visit<'a> {
+pub(super) struct HostSearch<'a> {
     pub(super) mesh: &'a Mesh,
     pub(super) suspect: &'a Suspect,
     /// All live marks.
     pub(super) all: &'a CodewordIndex,
     /// Likeliest first.
-    pub(super) hosts: &'a [Housed],
+    pub(super) hosts: &'a [CandidateHost],
     pub(super) keys: &'a KeyRing,
-    pub(super) homes: &'a Homes,
+    pub(super) host_cache: &'a HostCache,
     pub(super) depth: Depth,
     /// Work of registration, over all hosts.
     pub(super) allowed: Allowed,
@@ -89,42 +89,57 @@ fn elements(mesh: &Mesh) -> u64 {
     mesh.positions().len() as u64 + mesh.triangles().len() as u64
 }
 
-impl Visit<'_> {
+impl HostSearch<'_> {
     /// Looks at host after host until a mark is recognised. Where one is already, for which other
     /// recipients there are, until they are looked for.
-    pub(super) fn run(&self, climb: &mut Climb) -> Result<(), ServiceError> {
-        let visitor = Visitor::new(self.mesh, self.suspect.surface());
-        if let Some(found) = climb.best_match() {
+    pub(super) fn run(&self, cascade: &mut Cascade) -> Result<(), ServiceError> {
+        let suspect_model = SuspectModel::new(self.mesh, self.suspect.surface());
+        if let Some(found) = cascade.best_match() {
             let (id, sound) = (found.id, self.is_sound(found)?);
-            self.compare_shapes(id, &visitor, climb)?;
+            self.compare_shapes(id, &suspect_model, cascade)?;
             // (The list is the host of what was found: other records of it are other recipients.)
-            let alone = self.hosts.iter().all(|housed| housed.records.len() == 1);
+            let alone = self.hosts.iter().all(|candidate_host| candidate_host.records.len() == 1);
             if sound || alone {
                 return Ok(());
             }
         }
-        let hosts = self.hosts.iter().map(|housed| elements(housed.home.mesh())).collect();
+        let hosts = self
+            .hosts
+            .iter()
+            .map(|candidate_host| elements(candidate_host.host_model.mesh()))
+            .collect();
         let mut shares = self.allowed.shares(elements(self.mesh), hosts);
-        for housed in self.hosts {
+        for candidate_host in self.hosts {
             go_on(self.stop)?;
             let mut failed = None;
             let budget = shares.deal();
             let stop = || self.stop.now();
             let within = Within { budget: &budget, stop: &stop };
-            let mut see = |look: Look| match self.read(housed, (&visitor, &look), within, climb) {
+            let mut see = |pose: PoseHypothesis| match self.read(
+                candidate_host,
+                (&suspect_model, &pose),
+                within,
+                cascade,
+            ) {
                 Ok(flow) => flow,
                 Err(error) => {
                     failed = Some(error);
                     ControlFlow::Break(())
                 }
             };
-            let end = looks(&housed.home, &visitor, effort(self.depth), within, &mut see);
+            let end = poses(
+                &candidate_host.host_model,
+                &suspect_model,
+                effort(self.depth),
+                within,
+                &mut see,
+            );
             shares.took(&budget);
             if let Some(error) = failed {
                 return Err(error);
             }
             go_on(self.stop)?;
-            if end.is_break() || !climb.is_open() {
+            if end.is_break() || !cascade.is_open() {
                 return Ok(());
             }
         }
@@ -135,21 +150,22 @@ impl Visit<'_> {
     fn compare_shapes(
         &self,
         id: Uuid,
-        visitor: &Visitor<'_>,
-        climb: &mut Climb,
+        suspect_model: &SuspectModel<'_>,
+        cascade: &mut Cascade,
     ) -> Result<(), ServiceError> {
-        let Some(housed) = self.hosts.iter().find(|housed| housed.record(id.as_u128()).is_some())
+        let Some(candidate_host) =
+            self.hosts.iter().find(|candidate_host| candidate_host.record(id.as_u128()).is_some())
         else {
             return Ok(());
         };
-        let sizes = vec![elements(housed.home.mesh())];
+        let sizes = vec![elements(candidate_host.host_model.mesh())];
         let budget = self.allowed.shares(elements(self.mesh), sizes).deal();
         let stop = || self.stop.now();
         let within = Within { budget: &budget, stop: &stop };
-        let share = share_on(&housed.home, visitor, effort(self.depth), within);
+        let share = share_on(&candidate_host.host_model, suspect_model, effort(self.depth), within);
         go_on(self.stop)?;
         if let Some(share) = share {
-            climb.lies_on_host(id, share);
+            cascade.lies_on_host(id, share);
         }
         Ok(())
     }
@@ -157,14 +173,14 @@ impl Visit<'_> {
     /// Whether what was found looks like one mark and no mean of several: nearly all of its bins are
     /// as far from neutral as the embedder put them.
     fn is_sound(&self, found: &Found) -> Result<bool, ServiceError> {
-        let records = self.hosts.iter().flat_map(|housed| &housed.records);
+        let records = self.hosts.iter().flat_map(|candidate_host| &candidate_host.records);
         let Some(record) = records.into_iter().find(|record| record.id == found.id) else {
             return Ok(true);
         };
         let codeword = codeword(self.keys, &record.source())?;
         let profile = self.profile(&found.candidate.hypothesis.frame)?;
         let modulation = record.method.modulation();
-        let bins = profile.bins(codeword.lattice_class(), record.bits, modulation);
+        let bins = profile.bins(codeword.layout_class(), record.bits, modulation);
         let (read, least) = (bins.iter().flatten(), SOUND * record.strength.get());
         let sound = read.clone().filter(|off| off.abs() >= least).count();
         Ok(sound as f64 >= SOUND_BINS * read.count() as f64)
@@ -178,52 +194,54 @@ impl Visit<'_> {
     /// Breaks when all is said.
     fn read(
         &self,
-        housed: &Housed,
-        (visitor, look): (&Visitor<'_>, &Look),
+        candidate_host: &CandidateHost,
+        (suspect_model, pose): (&SuspectModel<'_>, &PoseHypothesis),
         within: Within<'_>,
-        climb: &mut Climb,
+        cascade: &mut Cascade,
     ) -> Result<ControlFlow<()>, ServiceError> {
         go_on(self.stop)?;
-        let Some(frame) = housed.records.first().map(|record| look.frame_of(&record.frame)) else {
+        let Some(frame) = candidate_host.records.first().map(|record| pose.frame_of(&record.frame))
+        else {
             return Ok(ControlFlow::Break(()));
         };
-        let name = match look.kind {
-            LookKind::InPlace | LookKind::Near => FrameName::InPlace,
-            LookKind::SameOrder | LookKind::Registered(_) | LookKind::Turned(_) => {
+        let name = match pose.kind {
+            PoseKind::InPlace | PoseKind::Near => FrameName::InPlace,
+            PoseKind::SameOrder | PoseKind::Registered(_) | PoseKind::Turned(_) => {
                 FrameName::Registered
             }
         };
         let profile = self.profile(&frame)?;
-        let ranked = self.in_frame(housed, &profile);
-        climb.tried(StageName::HostFrames, housed.ids.len() as u64);
+        let ranked = self.in_frame(candidate_host, &profile);
+        cascade.tried(StageName::HostFrame, candidate_host.ids.len() as u64);
         let ranking: Vec<u128> = ranked.iter().map(|candidate| candidate.id).collect();
         let counted = |stage: StageName| {
-            housed.ids.len() as f64 / (share(stage) * housed.share * look.kind.share())
+            candidate_host.ids.len() as f64
+                / (share(stage) * candidate_host.share * pose.kind.share())
         };
-        let asked = ranked.into_iter().filter(|candidate| housed.is_asked(candidate.id));
+        let asked = ranked.into_iter().filter(|candidate| candidate_host.is_asked(candidate.id));
         for candidate in asked.take(MOST_MATCHES) {
-            climb.add(StageName::HostFrames, name, candidate, counted(StageName::HostFrames));
+            cascade.add(StageName::HostFrame, name, candidate, counted(StageName::HostFrame));
         }
-        if let Some(found) = climb.best_match()
-            && (housed.records.len() == 1 || self.is_sound(found)?)
+        if let Some(found) = cascade.best_match()
+            && (candidate_host.records.len() == 1 || self.is_sound(found)?)
         {
             return Ok(ControlFlow::Break(()));
         }
         let seen = Seen { name, frame, counted: &counted, within };
-        if relief::read(self, housed, (visitor, look), &seen, climb)?.is_break() {
+        if relief::read(self, candidate_host, (suspect_model, pose), &seen, cascade)?.is_break() {
             return Ok(ControlFlow::Break(()));
         }
-        if look.sightings.len() < LEAST_SIGHTINGS {
+        if pose.correspondences.len() < LEAST_CORRESPONDENCES {
             return Ok(ControlFlow::Continue(()));
         }
-        Recipients::new(self, housed, &ranking, look).read(&seen, climb)
+        Recipients::new(self, candidate_host, &ranking, pose).read(&seen, cascade)
     }
 
     /// The host's records that score better than chance in its frame, best first.
-    fn in_frame(&self, housed: &Housed, profile: &Profile) -> Vec<Candidate> {
+    fn in_frame(&self, candidate_host: &CandidateHost, profile: &Profile) -> Vec<Candidate> {
         let frame = profile.frame();
-        let mut ids: Vec<u128> = housed.records.iter().map(|r| r.id.as_u128()).collect();
-        ids.extend(&housed.ids);
+        let mut ids: Vec<u128> = candidate_host.records.iter().map(|r| r.id.as_u128()).collect();
+        ids.extend(&candidate_host.ids);
         ids.sort_unstable();
         ids.dedup();
         let marks = self.all.only(&ids);

@@ -1,4 +1,4 @@
-//! The outline of a whole shape: a few dozen bytes that do not change when it is moved, turned,
+//! The descriptor of a whole shape: a few dozen bytes that do not change when it is moved, turned,
 //! scaled or mirrored, and little when it is tessellated anew, smoothed or roughened. Nothing for
 //! fragments.
 //!
@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use super::scatter::scatter_until;
+use super::samples::scatter_until;
 use super::shape::Shape;
 use crate::mesh::stop::{Stop, unstopped};
 
@@ -21,19 +21,19 @@ const SHELLS: usize = 4;
 /// Quantiles of the distances.
 const QUANTILES: usize = 16;
 
-/// Bytes of an outline.
+/// Bytes of an descriptor.
 pub const BYTES: usize = DEGREES * SHELLS + QUANTILES;
 
-/// Points that stand for the surface. With four times as many, outlines of real meshes change by
+/// Points that stand for the surface. With four times as many, descriptors of real meshes change by
 /// less than what simplification to a tenth changes.
 const POINTS: usize = 16_384;
 
-/// An outline. Stored: what the bytes mean is fixed.
+/// An descriptor. Stored: what the bytes mean is fixed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Outline(pub [u8; BYTES]);
+pub struct ShapeDescriptor(pub [u8; BYTES]);
 
-impl Outline {
-    /// The outline of a shape.
+impl ShapeDescriptor {
+    /// The descriptor of a shape.
     #[must_use]
     pub fn new(shape: &Shape) -> Self {
         unstopped(|stop| Self::new_until(shape, stop))
@@ -67,7 +67,7 @@ impl Outline {
         Some(Self(bytes))
     }
 
-    /// How different two outlines are: the sum of the bytes' squared differences.
+    /// How different two descriptors are: the sum of the bytes' squared differences.
     #[must_use]
     pub fn distance(&self, other: &Self) -> u32 {
         let square = |(&a, &b): (&u8, &u8)| u32::from(a.abs_diff(b)).pow(2);
@@ -146,11 +146,11 @@ mod tests {
     use crate::registration::similarity::tests::awkward;
     use crate::sample::Sample;
 
-    fn outline(sample: Sample, vertices: u32, scale: f64) -> Outline {
+    fn outline(sample: Sample, vertices: u32, scale: f64) -> ShapeDescriptor {
         let mesh = sample.mesh(vertices).unwrap();
         let positions = mesh.positions().iter().map(|&p| awkward(scale).apply(p)).collect();
         let mesh = Mesh::new(positions, mesh.triangles().to_vec()).unwrap();
-        Outline::new(&Shape::new(Surface::new(&mesh)).unwrap())
+        ShapeDescriptor::new(&Shape::new(Surface::new(&mesh)).unwrap())
     }
 
     #[test]

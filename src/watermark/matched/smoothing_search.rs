@@ -11,8 +11,8 @@
 
 use glam::DVec3;
 
-use super::refit::Nudge;
-use super::{HostFilter, JUDGES, Sighting, median};
+use super::nudge::Nudge;
+use super::{Correspondence, HostFilter, JUDGES, median};
 
 /// Half-way rounds of smoothing (`lambda` 0.5) that are tried first; then those about the best.
 const SMOOTHINGS: [usize; 14] = [0, 1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 50, 70];
@@ -48,14 +48,17 @@ impl HostFilter {
     /// As many rounds of smoothing as fit the suspect best; `moved` when a similarity brought it here.
     pub(super) fn alike(
         &self,
-        sightings: &[Sighting],
+        correspondences: &[Correspondence],
         moved: bool,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Alike {
-        let judges: Vec<Sighting> =
-            sightings.iter().step_by((sightings.len() / JUDGES).max(1)).copied().collect();
+        let judges: Vec<Correspondence> = correspondences
+            .iter()
+            .step_by((correspondences.len() / JUDGES).max(1))
+            .copied()
+            .collect();
         let trial = |rounds: usize, middle: &Vec<DVec3>, nudge: Nudge| {
-            let pair = |s: &Sighting| (s.at, middle[s.carrier as usize]);
+            let pair = |s: &Correspondence| (s.at, middle[s.carrier as usize]);
             let pairs: Vec<(DVec3, DVec3)> = judges.iter().map(pair).collect();
             let nudge = if moved { nudge.onto(&pairs, stop) } else { nudge };
             let off = pairs.iter().map(|&(from, to)| nudge.apply(from).distance(to));
@@ -118,9 +121,9 @@ impl HostFilter {
                 worse += 1;
             }
         }
-        let pair = |s: &Sighting| (s.at, best.middle[s.carrier as usize]);
+        let pair = |s: &Correspondence| (s.at, best.middle[s.carrier as usize]);
         let nudge = if moved {
-            best.nudge.onto(&sightings.iter().map(pair).collect::<Vec<_>>(), stop)
+            best.nudge.onto(&correspondences.iter().map(pair).collect::<Vec<_>>(), stop)
         } else {
             Nudge::NONE
         };
@@ -140,7 +143,7 @@ mod tests {
     #[test]
     fn the_number_of_rounds_is_found_where_the_suspect_lies_and_where_a_fit_took_it() {
         let marked = marked(Sample::Knot, Method::ExactMean);
-        let class = marked.codeword.lattice_class();
+        let class = marked.codeword.layout_class();
         let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
         let carriers = filter.surface().first_vertex.iter();
         let field: Vec<DVec3> = carriers.map(|&v| marked.positions[v as usize]).collect();
@@ -148,15 +151,22 @@ mod tests {
         for rounds in [6, 10, 12, 50] {
             let field =
                 filter.smoothing().smoothed_until(field.clone(), rounds, &crate::mesh::stop::never);
-            let seen = |at: &dyn Fn(DVec3) -> DVec3| -> Vec<Sighting> {
-                (0..).zip(&field).map(|(carrier, p)| Sighting { carrier, at: at(*p) }).collect()
+            let seen = |at: &dyn Fn(DVec3) -> DVec3| -> Vec<Correspondence> {
+                (0..)
+                    .zip(&field)
+                    .map(|(carrier, p)| Correspondence { carrier, at: at(*p) })
+                    .collect()
             };
             // A fit to the unsmoothed host makes up for some of the shrinkage.
             let cases = [(seen(&|p| p), false), (seen(&|p| turn * (1.01 * p) + 0.002), true)];
-            for (sightings, moved) in cases {
-                assert_eq!(filter.alike(&sightings, moved, &|| false).rounds, rounds, "{moved}");
+            for (correspondences, moved) in cases {
+                assert_eq!(
+                    filter.alike(&correspondences, moved, &|| false).rounds,
+                    rounds,
+                    "{moved}"
+                );
                 let turned = moved.then_some(DQuat::IDENTITY);
-                let soft = filter.compare(&sightings, turned).alone();
+                let soft = filter.compare(&correspondences, turned).alone();
                 let bound = soft.log10_bound(soft.score(&marked.codeword).t);
                 assert!(bound < -5.0, "{rounds} {moved}: {bound}");
             }
@@ -167,12 +177,14 @@ mod tests {
     fn what_differs_by_the_mark_alone_was_not_smoothed() {
         for sample in Sample::ALL {
             let marked = marked(sample, Method::ExactMean);
-            let class = marked.codeword.lattice_class();
+            let class = marked.codeword.layout_class();
             let filter = HostFilter::new(&marked.host, class, &marked.params).unwrap();
             for moved in [false, true] {
                 let carriers = (0..).zip(&filter.surface().first_vertex);
-                let seen = carriers
-                    .map(|(carrier, &v)| Sighting { carrier, at: marked.positions[v as usize] });
+                let seen = carriers.map(|(carrier, &v)| Correspondence {
+                    carrier,
+                    at: marked.positions[v as usize],
+                });
                 let alike = filter.alike(&seen.collect::<Vec<_>>(), moved, &|| false);
                 assert_eq!((alike.rounds, alike.nudge), (0, Nudge::NONE), "{sample} {moved}");
             }
