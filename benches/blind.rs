@@ -22,8 +22,8 @@ use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
-    BitCount, Codeword, CodewordIndex, Effort, EmbedParams, GroupKey, Hypothesis, MarkKey, Message,
-    Method, Search, Suspect, Worth, synchronise,
+    BitCount, Codeword, CodewordIndex, EmbedParams, GroupKey, Hypothesis, LayoutEffort, MarkKey,
+    Message, Method, Search, Suspect, Worth, synchronise,
 };
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -124,9 +124,9 @@ fn main() {
     }
     let limits = Limits::default();
     let efforts = [
-        ("near", NEAR_SHARE, Effort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 }),
-        ("full", FULL_SHARE, Effort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 }),
-        ("wide", WIDE_SHARE, Effort { radius: 0.04, candidates: 8, centres: 6, layouts: 8 }),
+        ("near", NEAR_SHARE, LayoutEffort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 }),
+        ("full", FULL_SHARE, LayoutEffort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 }),
+        ("wide", WIDE_SHARE, LayoutEffort { radius: 0.04, candidates: 8, centres: 6, layouts: 8 }),
     ];
     let efforts = &efforts[..if options.wide { 3 } else { 2 }];
     for (name, host) in hosts {

@@ -21,7 +21,8 @@ use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
 use quadmark::registration::{
-    Alignment, Budget, Effort, PreparedHost, PreparedSuspect, Shape, Similarity, Within, register,
+    Alignment, Budget, Effort, PreparedHost, PreparedSuspect, Shape, Similarity, Within,
+    by_surface, by_vertices, suffices,
 };
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message};
@@ -132,7 +133,12 @@ impl Prepared {
         let suspect = PreparedSuspect::new(Shape::new(Surface::new(&suspect)).unwrap());
         let budget = Budget::new(u64::MAX);
         let within = Within { budget: &budget, stop: &|| false };
-        let found = register(host, &suspect, Effort::Thorough, within);
+        let shared = by_vertices(host, &suspect, within.stop);
+        let enough = shared.as_ref().is_some_and(|found| suffices(host, &suspect, found, within));
+        let mut found: Vec<Alignment> = shared.into_iter().collect();
+        if !enough {
+            found.splice(0..0, by_surface(host, &suspect, Effort::Thorough, &[], within));
+        }
         let time = start.elapsed().as_secs_f64();
         let error =
             |a: &Alignment| a.similarity.apply(place.apply(*centre)).distance(*centre) / diagonal;

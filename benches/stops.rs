@@ -212,7 +212,8 @@ fn looking(mesh: &Mesh, marked: &Mesh) {
 fn verifying(mesh: &Mesh, marked: &Mesh, codeword: &Codeword) {
     let bits = BitCount::default();
     let suspect = stage("preparing a suspect", |stop| Suspect::new_until(marked, stop).unwrap());
-    let full = quadmark::watermark::Effort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 };
+    let full =
+        quadmark::watermark::LayoutEffort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 };
     stage("searching bin layouts", |stop| {
         synchronise_until(&suspect, bits, Modulation::Mean, &full, stop)
     });

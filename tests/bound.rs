@@ -13,8 +13,9 @@ use quadmark::mesh::surface::Surface;
 use quadmark::relief::{ReliefHost, ReliefReading, Signs};
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
-    BitCount, Codeword, CodewordIndex, Correspondence, Effort, EmbedParams, GroupKey, HostFilter,
-    Hypothesis, MarkKey, Message, Method, Modulation, SoftBits, Suspect, Worth, synchronise,
+    BitCount, Codeword, CodewordIndex, Correspondence, EmbedParams, GroupKey, HostFilter,
+    Hypothesis, LayoutEffort, MarkKey, Message, Method, Modulation, SoftBits, Suspect, Worth,
+    synchronise,
 };
 use rayon::prelude::*;
 
@@ -96,7 +97,7 @@ fn nor_on_scans() {
 
 fn assert_all_bounded(suspects: &[(String, Mesh)]) {
     let bits = BitCount::default();
-    let effort = Effort { radius: 0.002, candidates: 1, centres: 2, layouts: 5 };
+    let effort = LayoutEffort { radius: 0.002, candidates: 1, centres: 2, layouts: 5 };
     for modulation in [Modulation::Mean, Modulation::Variance] {
         let index = index(modulation);
         for (name, mesh) in suspects {

@@ -27,8 +27,8 @@ use quadmark::mesh::surface::Surface;
 use quadmark::relief::{ReliefHost, ReliefReading, Signs};
 use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{
-    BitCount, Codeword, CodewordIndex, Correspondence, Effort, EmbedParams, Embedding, GroupKey,
-    Host, HostFilter, Hypothesis, MarkKey, Message, Method, Modulation, Schedule, Strength,
+    BitCount, Codeword, CodewordIndex, Correspondence, EmbedParams, Embedding, GroupKey, Host,
+    HostFilter, Hypothesis, LayoutEffort, MarkKey, Message, Method, Modulation, Schedule, Strength,
     Suspect, Worth, embed, synchronise,
 };
 use serde_json::{Value, json};
@@ -280,7 +280,7 @@ fn verdict() -> Value {
     }
     let suspect = Suspect::new(&mesh).unwrap();
     let soft = suspect.read(own.layout_class(), params.bits, modulation);
-    let effort = Effort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 };
+    let effort = LayoutEffort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 };
     let layouts = synchronise(&suspect, params.bits, modulation, &effort);
     let worth = Worth { log10_bound: -3.0, most: 3 };
     let judged = |readings: &(dyn Fn(GroupKey) -> Vec<Hypothesis> + Sync)| {

@@ -243,7 +243,8 @@ fn stages(case: &Case) -> Vec<Stage<'_>> {
     let suspect = Suspect::new(&case.marked).unwrap();
     let moved: Vec<DVec3> = case.surface.positions.iter().map(|p| 1.001 * *p).collect();
     let class = case.codeword.layout_class();
-    let full = quadmark::watermark::Effort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 };
+    let full =
+        quadmark::watermark::LayoutEffort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 };
     vec![
         ("reading OBJ", Box::new(move |stop| drop(Asset::read_until(&case.obj, &limits, stop)))),
         ("reading GLB", Box::new(move |stop| drop(Asset::read_until(&case.glb, &limits, stop)))),
@@ -297,7 +298,7 @@ fn stages(case: &Case) -> Vec<Stage<'_>> {
             "looking in place",
             Box::new(move |stop| {
                 let budget = Budget::new(u64::MAX);
-                let _ = in_place(&case.host, &case.other, true, Within { budget: &budget, stop });
+                let _ = in_place(&case.host, &case.other, Within { budget: &budget, stop });
             }),
         ),
         (

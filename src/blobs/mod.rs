@@ -1,7 +1,7 @@
 //! The blob store: marked files under the id of their record, host geometries once each.
 //!
 //! `files/{id}` is the marked file (compressed, see [`marked`]), `hosts/{key}` the geometry of a host
-//! (see [`geometry`] and [`hosts`]; in data directories of before, `hosts/{id}`). Each write is whole
+//! (see [`geometry`] and `hosts`; in data directories of before, `hosts/{id}`). Each write is whole
 //! or not there. Blobs are written before their record is registered and removed when that fails; what
 //! a crash left between the two, the service finds at the start. Must not know about HTTP, watermarks
 //! or records; nothing here is named by a user: path components are a record's id, or a hash.

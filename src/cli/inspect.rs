@@ -35,7 +35,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     let seen = inspect_asset(&asset, &params)?;
     let expected = expected(asset.mesh(), &seen, &params, &|| false);
     if arguments.json {
-        files::print_json(&Seen { inspection: &seen, expected: &expected })?;
+        files::print_json(&InspectedFile { inspection: &seen, expected: &expected })?;
         return Ok(ExitCode::SUCCESS);
     }
     println!(
@@ -61,7 +61,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 
 /// What is printed as JSON.
 #[derive(serde::Serialize)]
-struct Seen<'a> {
+struct InspectedFile<'a> {
     #[serde(flatten)]
     inspection: &'a Inspection,
     expected: &'a [Expected],

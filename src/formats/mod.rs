@@ -133,7 +133,7 @@ pub enum FormatError {
     /// A vertex position that is NaN or infinite.
     #[error("{place}: a coordinate is not a finite number; repair the mesh first")]
     NonFiniteVertex {
-        /// "line 12" or "accessors[0], element 7".
+        /// `line 12` or `accessors[0], element 7`.
         place: String,
     },
     /// A legal file whose layout cannot be patched without touching something else.

@@ -17,7 +17,7 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// Stops at `deadline`, when `stopping` is cancelled, or when the stop is [hung up](Self::hang_up).
+    /// Stops at `deadline`, when `stopping` is cancelled, or when the stop is hung up.
     #[must_use]
     pub fn new(deadline: Instant, stopping: CancellationToken) -> Self {
         Self { deadline, hung_up: stopping.child_token(), stopping }

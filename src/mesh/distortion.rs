@@ -1,4 +1,4 @@
-//! How far two surfaces are apart, as Metro measures it (Cignoni et al. 1998, the paper's [20]).
+//! How far two surfaces are apart, as Metro measures it (Cignoni et al. 1998, the paper's reference 20).
 //!
 //! Samples are the vertices of one surface, points on its edges and points in its triangles, all
 //! with equal weight; their distances are to the closest point of the other surface. Root mean

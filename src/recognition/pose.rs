@@ -26,6 +26,8 @@ pub enum PoseKind {
     /// The suspect was registered, by shared vertices or by the surface; the number is the rank of
     /// the alignment.
     Registered(usize),
+    /// The suspect was registered by shared vertices that are too few to be all there is.
+    FewVertices,
     /// In place, and vertices that lie on vertices are the same.
     Near,
     /// Registered, and turned as the host can be turned onto itself: one of so many such turns.
@@ -43,17 +45,16 @@ impl PoseKind {
             Self::Registered(0) => 0.35,
             Self::SameOrder => 0.1,
             Self::Registered(1) => 0.05,
-            Self::Registered(2) => 0.03,
-            Self::Registered(_) => 0.01,
+            Self::Registered(_) => 0.03,
+            Self::FewVertices => 0.01,
             Self::Near => 0.12,
             Self::Turned(turns) => 0.04 / turns.max(1) as f64,
         }
     }
 }
 
-/// Alignments by the surface that are looked from, at the most; and the rank of one by shared
-/// vertices that are too few to be all there is.
-const FEW_TWINS: usize = 3;
+/// Alignments by the surface that are tried, at the most.
+const MOST_BY_SURFACE: usize = 3;
 
 /// Rounds of reweighting when vertices are paired by their order.
 const ROUNDS: usize = 4;
@@ -126,17 +127,17 @@ pub fn poses(
     else {
         return ControlFlow::Continue(());
     };
-    if let Some(twins) = by_vertices(host, suspect, within.stop) {
-        let enough = suffices(host, suspect, &twins, within);
-        let rank = if enough { 0 } else { FEW_TWINS };
-        let similarity = twins.similarity;
-        see(from_alignment(host_model, suspect_model, twins, PoseKind::Registered(rank)))?;
+    if let Some(shared) = by_vertices(host, suspect, within.stop) {
+        let enough = suffices(host, suspect, &shared, within);
+        let kind = if enough { PoseKind::Registered(0) } else { PoseKind::FewVertices };
+        let similarity = shared.similarity;
+        see(from_alignment(host_model, suspect_model, shared, kind))?;
         if enough {
             // (Every vertex may have correspondences in several places.)
             return symmetric_poses(host, &similarity, within.stop, see);
         }
     }
-    let near = in_place(host, suspect, true, within);
+    let near = in_place(host, suspect, within);
     let known: Vec<Alignment> = near.into_iter().collect();
     for alignment in &known {
         go_on()?;
@@ -144,7 +145,7 @@ pub fn poses(
     }
     let found = by_surface(host, suspect, effort, &known, within);
     let best = found.first().or(known.first()).map(|best| best.similarity);
-    for (rank, alignment) in found.into_iter().take(FEW_TWINS).enumerate() {
+    for (rank, alignment) in found.into_iter().take(MOST_BY_SURFACE).enumerate() {
         go_on()?;
         see(from_alignment(host_model, suspect_model, alignment, PoseKind::Registered(rank)))?;
     }
@@ -302,8 +303,14 @@ mod tests {
 
     #[test]
     fn the_shares_of_all_looks_add_up_to_at_most_one() {
-        let registered: f64 = (0..=FEW_TWINS).map(|k| PoseKind::Registered(k).share()).sum();
-        let rest = [PoseKind::InPlace, PoseKind::SameOrder, PoseKind::Near, PoseKind::Turned(1)];
+        let registered: f64 = (0..MOST_BY_SURFACE).map(|k| PoseKind::Registered(k).share()).sum();
+        let rest = [
+            PoseKind::FewVertices,
+            PoseKind::InPlace,
+            PoseKind::SameOrder,
+            PoseKind::Near,
+            PoseKind::Turned(1),
+        ];
         let rest = rest.map(PoseKind::share);
         assert!(registered + rest.iter().sum::<f64>() <= 1.0 + 1e-12);
     }

@@ -26,7 +26,7 @@ const SAME_SIDE: f64 = 0.5;
 const ARRIVED: f64 = 3e-7;
 
 /// A host's surface, to be searched for its closest points: all of it.
-pub struct Target {
+pub struct IcpTarget {
     normals: Vec<DVec3>,
     tree: SearchTree,
 }
@@ -61,7 +61,7 @@ pub fn same_side(s: &Similarity, point: &Point, normal: DVec3) -> bool {
     (if s.scale < 0.0 { along.abs() } else { along }) > SAME_SIDE
 }
 
-impl Target {
+impl IcpTarget {
     /// Builds the search trees: about a second per million triangles. `None` if the surface cannot
     /// be searched, and once `stop` answers `true`.
     #[must_use]
@@ -86,7 +86,7 @@ impl Target {
     }
 }
 
-impl Ground for Target {
+impl Ground for IcpTarget {
     fn touch(&self, s: &Similarity, point: &Point, reach: f64, tests: &mut u64) -> Option<Touch> {
         let placed = s.apply(point.position);
         let (triangle, closest) = self.closest(placed, reach, tests)?;
@@ -211,7 +211,7 @@ mod tests {
         let budget = Budget::new(u64::MAX);
         let within = Within { budget: &budget, stop: &|| false };
         let (host, suspect) = (shape(8000), shape(5000));
-        let target = Target::new(&host, &crate::mesh::stop::never).unwrap();
+        let target = IcpTarget::new(&host, &crate::mesh::stop::never).unwrap();
         let points = scatter(&suspect, 4000);
         let truth = suspect.unit.inverse().then(&host.unit);
         let off = Similarity {
@@ -231,7 +231,7 @@ mod tests {
         let within = Within { budget: &budget, stop: &|| false };
         let host = shape(1000);
         let away = Similarity { translation: DVec3::splat(5.0), ..Similarity::IDENTITY };
-        let target = Target::new(&host, &crate::mesh::stop::never).unwrap();
+        let target = IcpTarget::new(&host, &crate::mesh::stop::never).unwrap();
         let points = scatter(&host, 500);
         let found = target.align(&away, &points, 0.1..0.01, 5, within);
         assert_eq!((target.judge(&found, &points, 0.1, within).overlap, found), (0.0, away));

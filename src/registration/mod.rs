@@ -7,12 +7,13 @@
 //! (suspect vertices that are host vertices), [`refinement`] (the last digits); [`icp`], [`surfels`],
 //! [`moments`], [`spin`], [`partial`], [`nearest`] and [`surface`] for what has another tessellation, [`symmetry`] for hosts that lie on
 //! themselves in several ways;
-//! [`prepared`] and [`register`](mod@register) (all of it, in order); [`sketch`], [`descriptor`] and
+//! [`prepared`] and [`alignment`] (all of it, in order); [`sketch`], [`descriptor`] and
 //! [`index`] (which hosts to try).
 //!
 //! Pure: knows geometry alone. Must not know codewords or anything that depends on one, for the
 //! bound on false positives rests on that: what is found here may be scored, and counts once.
 
+pub mod alignment;
 pub mod budget;
 pub mod consensus;
 pub mod descriptor;
@@ -25,7 +26,6 @@ pub mod one_rings;
 pub mod partial;
 pub mod prepared;
 pub mod refinement;
-pub mod register;
 pub mod samples;
 pub mod shape;
 pub mod signatures;
@@ -37,10 +37,10 @@ pub mod surfels;
 pub mod symmetry;
 pub mod vertices;
 
+pub use alignment::{by_vertices, suffices};
 pub use budget::{Allowed, Budget, Shares, Within};
 pub use index::{GeometryIndex, Hit, Likeness};
 pub use prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
-pub use register::{by_vertices, register, suffices};
 pub use shape::Shape;
 pub use similarity::Similarity;
 pub use sketch::{Probe, Sketch};

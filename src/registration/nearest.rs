@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::budget::Within;
-use super::icp::Target;
+use super::icp::IcpTarget;
 use super::one_rings::NONE;
 use super::shape::Shape;
 use super::similarity::Similarity;
@@ -18,7 +18,7 @@ const OWN: f64 = 0.5;
 #[must_use]
 pub fn mutual(
     host: &Shape,
-    target: &Target,
+    target: &IcpTarget,
     suspect: &Shape,
     s: &Similarity,
     reach: f64,

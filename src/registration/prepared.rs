@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use super::icp::Target;
+use super::icp::IcpTarget;
 use super::partial::{HostPlaces, SuspectPlaces};
 use super::samples::{Point, scatter_until};
 use super::shape::Shape;
@@ -21,9 +21,7 @@ const DESCRIBED: usize = 6000;
 /// How hard to try.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Effort {
-    /// Shared vertices only: fractions of a second, and nothing where the tessellation is new.
-    Twins,
-    /// Also what was tessellated anew: wholes, and parts as far as the budget goes.
+    /// Shared vertices, and what was tessellated anew: wholes, and parts as far as the budget goes.
     Whole,
     /// Also mirrored wholes, and ten times the budget: seconds.
     Thorough,
@@ -35,7 +33,7 @@ pub enum Basis {
     /// The file's own coordinates, which were kept.
     InPlace,
     /// Vertices that suspect and host share.
-    Twins,
+    Vertices,
     /// The surface.
     Surface,
 }
@@ -64,7 +62,7 @@ pub struct PreparedHost {
     pub(super) points: Vec<Point>,
     /// Built when first asked for: vertex correspondences do without, and what fits nowhere without the latter.
     discs: OnceLock<Discs>,
-    target: OnceLock<Option<Target>>,
+    target: OnceLock<Option<IcpTarget>>,
     places: OnceLock<HostPlaces>,
     symmetries: OnceLock<Vec<Similarity>>,
 }
@@ -122,9 +120,9 @@ impl PreparedHost {
     }
 
     /// Also `None` once `stop` answers `true`.
-    pub(super) fn target(&self, stop: Stop<'_>) -> Option<&Target> {
+    pub(super) fn target(&self, stop: Stop<'_>) -> Option<&IcpTarget> {
         let make = || {
-            let target = Target::new(&self.shape, stop);
+            let target = IcpTarget::new(&self.shape, stop);
             go_on(stop).map(|()| target)
         };
         once(&self.target, make)?.as_ref()

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 
 use super::one_rings::Rings;
-use super::signatures::{Code, Sense, connectivity_until, metric_until};
+use super::signatures::{Sense, Signature, connectivity_until, metric_until};
 use super::similarity::Similarity;
 use crate::mesh::stop::{STEP, Stop, changed, go_on, never, sorted};
 use crate::mesh::surface::{Surface, doubled_area};
@@ -25,7 +25,7 @@ pub enum Kind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Landmark {
     /// The code.
-    pub code: Code,
+    pub code: Signature,
     /// The vertex.
     pub vertex: u32,
 }
@@ -77,7 +77,7 @@ impl Shape {
     }
 
     /// The codes of all carriers; `None` once `stop` answers `true`.
-    fn codes(&self, kind: Kind, sense: Sense, stop: Stop<'_>) -> Option<Vec<Code>> {
+    fn codes(&self, kind: Kind, sense: Sense, stop: Stop<'_>) -> Option<Vec<Signature>> {
         match kind {
             Kind::Connectivity => connectivity_until(&self.rings, sense, RADIUS, stop),
             Kind::Metric => metric_until(&self.rings, &self.positions, sense, stop),

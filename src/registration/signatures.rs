@@ -29,15 +29,15 @@ pub enum Sense {
 
 /// The code of one vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Code {
+pub struct Signature {
     /// The hash; 0 where there is none (the neighbourhood is open).
     pub hash: u64,
-    /// The place in the vertex' ring at which the reading began, or [`Code::ANY`] when several
+    /// The place in the vertex' ring at which the reading began, or [`Signature::ANY`] when several
     /// places read the same.
     pub begin: u8,
 }
 
-impl Code {
+impl Signature {
     /// The neighbourhood has a symmetry: it looks the same from several neighbours.
     pub const ANY: u8 = u8::MAX;
 }
@@ -54,20 +54,20 @@ pub fn mix(h: u64, x: u64) -> u64 {
 }
 
 /// The code of a cyclic sequence: the same for each place it may be begun at.
-fn cyclic(seed: u64, sequence: &[u64]) -> Code {
+fn cyclic(seed: u64, sequence: &[u64]) -> Signature {
     let read = |from: usize| {
         let (head, tail) = sequence.split_at(from);
         tail.iter().chain(head).fold(seed, |h, &x| mix(h, x))
     };
-    let Some(least) = sequence.iter().min() else { return Code::default() };
+    let Some(least) = sequence.iter().min() else { return Signature::default() };
     let begins = sequence.iter().enumerate().filter(|(_, x)| *x == least).map(|(i, _)| i);
-    let mut best = Code::default();
+    let mut best = Signature::default();
     for begin in begins {
         let hash = read(begin);
         if best.hash == 0 || hash < best.hash {
-            best = Code { hash, begin: u8::try_from(begin).unwrap_or(Code::ANY) };
+            best = Signature { hash, begin: u8::try_from(begin).unwrap_or(Signature::ANY) };
         } else if hash == best.hash {
-            best.begin = Code::ANY;
+            best.begin = Signature::ANY;
         }
     }
     best
@@ -84,7 +84,7 @@ fn read_rings(
     sense: Sense,
     stop: Stop<'_>,
     value: impl Fn(u32, usize) -> u64 + Sync,
-) -> Option<Vec<Code>> {
+) -> Option<Vec<Signature>> {
     in_steps_of(LONG, rings.vertices(), stop, |vertex| {
         let vertex = u32::try_from(vertex).unwrap_or(NONE);
         let darts = rings.darts(vertex);
@@ -94,13 +94,13 @@ fn read_rings(
             *place = value(vertex, dart);
         }
         if values.is_empty() || values.contains(&0) {
-            return Code::default();
+            return Signature::default();
         }
         if sense == Sense::Against {
             values.reverse();
         }
         let mut code = cyclic(values.len() as u64, values);
-        if sense == Sense::Against && code.begin != Code::ANY {
+        if sense == Sense::Against && code.begin != Signature::ANY {
             let last = u8::try_from(values.len()).unwrap_or(1) - 1;
             code.begin = last - code.begin;
         }
@@ -110,7 +110,7 @@ fn read_rings(
 
 /// Codes from the valences up to `radius` (at least 1) rings away.
 #[must_use]
-pub fn connectivity(rings: &Rings, sense: Sense, radius: usize) -> Vec<Code> {
+pub fn connectivity(rings: &Rings, sense: Sense, radius: usize) -> Vec<Signature> {
     unstopped(|stop| connectivity_until(rings, sense, radius, stop))
 }
 
@@ -121,7 +121,7 @@ pub fn connectivity_until(
     sense: Sense,
     radius: usize,
     stop: Stop<'_>,
-) -> Option<Vec<Code>> {
+) -> Option<Vec<Signature>> {
     let mut seen = mapped(rings.heads(), stop, |_, &head| match rings.ring(head).len() {
         0 => 0,
         n => mix(1, n as u64),
@@ -154,7 +154,7 @@ fn farther(rings: &Rings, sense: Sense, seen: &[u64], stop: Stop<'_>) -> Option<
 
 /// Codes from the lengths of the spokes and of the rim around each vertex.
 #[must_use]
-pub fn metric(rings: &Rings, positions: &[DVec3], sense: Sense) -> Vec<Code> {
+pub fn metric(rings: &Rings, positions: &[DVec3], sense: Sense) -> Vec<Signature> {
     unstopped(|stop| metric_until(rings, positions, sense, stop))
 }
 
@@ -165,7 +165,7 @@ pub fn metric_until(
     positions: &[DVec3],
     sense: Sense,
     stop: Stop<'_>,
-) -> Option<Vec<Code>> {
+) -> Option<Vec<Signature>> {
     let at = |v: u32| positions[v as usize];
     let around = counted(rings.vertices(), stop, |v| {
         let v = u32::try_from(v).unwrap_or(NONE);
@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn a_cyclic_sequence_may_begin_anywhere() {
         let sequence = [5, 2, 9, 2, 7, 1];
-        let codes: Vec<Code> = (0..6)
+        let codes: Vec<Signature> = (0..6)
             .map(|turn| {
                 let mut turned = sequence;
                 turned.rotate_left(turn);
@@ -226,7 +226,7 @@ mod tests {
         assert!(codes.iter().all(|code| code.hash == codes[0].hash));
         assert_eq!(codes.iter().map(|code| code.begin).collect::<Vec<_>>(), [5, 4, 3, 2, 1, 0]);
         assert_ne!(cyclic(3, &[5, 2, 9, 2, 1, 7]).hash, codes[0].hash);
-        assert_eq!(cyclic(3, &[4, 8, 4, 8]).begin, Code::ANY);
+        assert_eq!(cyclic(3, &[4, 8, 4, 8]).begin, Signature::ANY);
     }
 
     #[test]
@@ -235,7 +235,7 @@ mod tests {
         let n = surface.positions.len();
         let rings = Rings::new(n, &surface.triangles);
         let mirrored = Rings::new(n, &reversed(&surface.triangles));
-        let hashes = |codes: Vec<Code>| codes.into_iter().map(|c| c.hash).collect::<Vec<_>>();
+        let hashes = |codes: Vec<Signature>| codes.into_iter().map(|c| c.hash).collect::<Vec<_>>();
         for radius in 1..4 {
             let there = hashes(connectivity(&rings, Sense::Along, radius));
             assert_eq!(there, hashes(connectivity(&mirrored, Sense::Against, radius)));
@@ -245,7 +245,7 @@ mod tests {
         assert_eq!(hashes(there.clone()), hashes(back.clone()));
         // And both begin at the same neighbour.
         for (v, (a, b)) in (0..).zip(there.iter().zip(&back)) {
-            if a.begin != Code::ANY {
+            if a.begin != Signature::ANY {
                 assert_eq!(rings.ring(v)[a.begin as usize], mirrored.ring(v)[b.begin as usize]);
             }
         }

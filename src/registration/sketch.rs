@@ -7,7 +7,7 @@
 
 use super::descriptor::{BYTES, ShapeDescriptor};
 use super::shape::Shape;
-use super::signatures::{Code, Sense, connectivity_until, metric_until, mix};
+use super::signatures::{Sense, Signature, connectivity_until, metric_until, mix};
 use crate::mesh::stop::{Stop, go_on, sorted, unstopped};
 
 /// Rings that a hash looks at: 37 vertices. Two rings tell the vertices of one mesh apart, among
@@ -173,7 +173,7 @@ fn metric_hashes(shape: &Shape, stop: Stop<'_>) -> Option<Vec<u64>> {
 fn either(
     kind: u64,
     stop: Stop<'_>,
-    codes: impl Fn(Sense) -> Option<Vec<Code>>,
+    codes: impl Fn(Sense) -> Option<Vec<Signature>>,
 ) -> Option<Vec<u64>> {
     let (along, against) = (codes(Sense::Along)?, codes(Sense::Against)?);
     go_on(stop)?;

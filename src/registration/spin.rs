@@ -55,9 +55,9 @@ pub fn spins(keys: &[Point], points: &[Point], radii: &[f64], stop: Stop) -> Vec
         let seen = points.iter().filter_map(|p| {
             let from = p.position - key.position;
             let distance = from.length_squared();
-            (distance < widest * widest).then_some(Seen { from, normal: p.normal, distance })
+            (distance < widest * widest).then_some(Neighbour { from, normal: p.normal, distance })
         });
-        let mut seen: Vec<Seen> = seen.collect();
+        let mut seen: Vec<Neighbour> = seen.collect();
         let spin = |&radius: &f64| {
             if stop() {
                 return None;
@@ -73,14 +73,14 @@ pub fn spins(keys: &[Point], points: &[Point], radii: &[f64], stop: Stop) -> Vec
 }
 
 /// A point as seen from another.
-struct Seen {
+struct Neighbour {
     from: DVec3,
     normal: DVec3,
     /// Squared.
     distance: f64,
 }
 
-fn spin(position: DVec3, seen: &[Seen], radius: f64) -> Option<Spin> {
+fn spin(position: DVec3, seen: &[Neighbour], radius: f64) -> Option<Spin> {
     let square = radius * radius;
     let inner = seen.iter().filter(|p| p.distance < 0.25 * square);
     let normal = inner.map(|p| p.normal).sum::<DVec3>().try_normalize()?;

@@ -4,7 +4,7 @@
 use std::borrow::Cow;
 
 use super::budget::Within;
-use super::icp::{Fit, Ground, Target};
+use super::icp::{Fit, Ground, IcpTarget};
 use super::moments::by_moments;
 use super::nearest::mutual;
 use super::partial::{self, by_parts};
@@ -56,15 +56,14 @@ const PROBES: usize = 60;
 const LEAST_POINTS: usize = 200;
 
 /// Surfels stand for the surface as long as no reach is smaller than this.
-const DISCS_REACH: f64 = 0.006;
+const SURFELS_REACH: f64 = 0.006;
 
-/// The alignment of a suspect that kept its host's coordinates, refined if `refined`. `None` if it
-/// does not lie on the host, or was stopped.
+/// The alignment of a suspect that kept its host's coordinates, refined. `None` if it does not lie on the
+/// host, or was stopped.
 #[must_use]
 pub fn in_place(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
-    refined: bool,
     within: Within<'_>,
 ) -> Option<Alignment> {
     let start = suspect.shape.unit.inverse().then(&host.shape.unit);
@@ -77,13 +76,9 @@ pub fn in_place(
     if found.overlap < LEAST_OVERLAP {
         return None;
     }
-    let found = if refined {
-        let points = scatter_until(&suspect.shape, REFINED, within.stop)?;
-        // (Half: what moved has its own to come.)
-        finish(host, suspect, target, &found, &points, within.budget.share(2), within)
-    } else {
-        to_files(host, suspect, &found)
-    };
+    let points = scatter_until(&suspect.shape, REFINED, within.stop)?;
+    // (Half: what moved has its own to come.)
+    let found = finish(host, suspect, target, &found, &points, within.budget.share(2), within);
     (!(within.stop)()).then_some(Alignment { basis: Basis::InPlace, ..found })
 }
 
@@ -99,7 +94,7 @@ pub(super) fn share_near(
 }
 
 /// The alignments by the surface alone, best first, without those that are about a `known` one;
-/// none at the least effort, or when stopped.
+/// none when stopped.
 #[must_use]
 pub fn by_surface(
     host: &PreparedHost,
@@ -108,9 +103,6 @@ pub fn by_surface(
     known: &[Alignment],
     within: Within<'_>,
 ) -> Vec<Alignment> {
-    if effort == Effort::Twins {
-        return Vec::new();
-    }
     let guesses = by_moments(&host.points, &suspect.points, false);
     let mut fits = aligned(host, suspect, &guesses, within);
     let is_whole = fits.first().is_some_and(|fit| fit.overlap >= WHOLE);
@@ -191,7 +183,7 @@ fn aligned(
     let closer = |fit: &Fit, points: &[Point], to: f64, rounds: u32, share: u64| {
         let reach = reach(&fit.similarity);
         let end = to * reach / ROUGH;
-        let target = if end < DISCS_REACH { host.target(within.stop) } else { None };
+        let target = if end < SURFELS_REACH { host.target(within.stop) } else { None };
         let searched = target.and_then(|target| {
             let cost = cost_of_a_search(target, &fit.similarity, points, reach, within);
             let points = affordable(points, share / cost / u64::from(rounds + 1))?;
@@ -249,7 +241,7 @@ fn distinct(fits: &mut Vec<Fit>) {
 
 /// Tests that a search on the host's triangles takes about, at least 1.
 fn cost_of_a_search(
-    target: &Target,
+    target: &IcpTarget,
     s: &Similarity,
     points: &[Point],
     reach: f64,
@@ -284,7 +276,7 @@ fn affordable(points: &[Point], count: u64) -> Option<Cow<'_, [Point]>> {
 fn finish(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
-    target: &Target,
+    target: &IcpTarget,
     fit: &Fit,
     points: &[Point],
     share: u64,

@@ -169,7 +169,7 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::mesh::stop::never;
     use crate::mesh::surface::Surface;
-    use crate::registration::icp::Target;
+    use crate::registration::icp::IcpTarget;
     use crate::registration::samples::scatter;
     use crate::sample::Sample;
 
@@ -182,7 +182,7 @@ mod tests {
         for sample in [Sample::Blob, Sample::Knot] {
             let host = shape(&sample.mesh(4000).unwrap());
             let (discs, target) =
-                (Discs::new(&host, &never).unwrap(), Target::new(&host, &never).unwrap());
+                (Discs::new(&host, &never).unwrap(), IcpTarget::new(&host, &never).unwrap());
             let mut errors = Vec::new();
             for height in [-0.03, -0.01, 0.0, 0.01, 0.03, 0.06] {
                 for point in scatter(&host, 500) {

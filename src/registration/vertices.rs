@@ -12,7 +12,7 @@ use super::consensus::{Consensus, consensus, refine};
 use super::one_rings::NONE;
 use super::refinement::{Contact, polish};
 use super::shape::{Kind, Landmark, Shape};
-use super::signatures::{Code, Sense};
+use super::signatures::{Sense, Signature};
 use super::similarity::{Pair, Similarity};
 use crate::mesh::stop::{STEP, Stop, go_on, mapped, once};
 
@@ -236,7 +236,7 @@ impl<'a> Growth<'a> {
     }
 
     fn sow(&mut self, Seed { pair: [s, h], begins }: Seed) {
-        if self.pair([s, h]) && !begins.contains(&Code::ANY) {
+        if self.pair([s, h]) && !begins.contains(&Signature::ANY) {
             let [i, j] = begins.map(usize::from);
             let darts = [self.suspect.rings.darts(s).start + i, self.host.rings.darts(h).start + j];
             self.queue.push_back(([s, h], darts));

@@ -33,7 +33,7 @@ pub(super) struct Cells {
 
 /// Where a point lies in the grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
+pub(super) struct CellPlace {
     /// The middle one of the cells that the point belongs to.
     middle: IVec3,
     /// Offset from that cell's centre, in cells, each coordinate in [-1/2, 1/2].
@@ -83,14 +83,14 @@ impl Cells {
     }
 
     /// Where a point lies.
-    pub(super) fn place(&self, p: DVec3) -> Place {
+    pub(super) fn place(&self, p: DVec3) -> CellPlace {
         let at = (p - self.origin) / self.side;
         let middle = at.round();
-        Place { middle: middle.as_ivec3(), offset: at - middle }
+        CellPlace { middle: middle.as_ivec3(), offset: at - middle }
     }
 
     /// A name of the part of a cell that a point lies in: points of one part belong to the same cells.
-    pub(super) fn part(place: &Place) -> u64 {
+    pub(super) fn part(place: &CellPlace) -> u64 {
         let fine = (f64::from(PARTS) * (place.offset + DVec3::splat(0.5))).floor().as_ivec3();
         let fine = fine.clamp(IVec3::ZERO, IVec3::splat(PARTS - 1));
         let at = place.middle * PARTS + fine;
@@ -99,7 +99,7 @@ impl Cells {
 
     /// Numbers of the cells that points at a place belong to, in the order of [`weights`]; `u32::MAX`
     /// for those that the host does not have.
-    pub(super) fn numbers(&self, place: &Place) -> [u32; AROUND] {
+    pub(super) fn numbers(&self, place: &CellPlace) -> [u32; AROUND] {
         let around = self.around(place.middle);
         around.map(|at| self.numbers.get(at).copied().unwrap_or(NONE))
     }
@@ -122,8 +122,8 @@ impl Cells {
 
     /// `sum_c B_c(p) B_c(q)` of two points with their weights.
     pub(super) fn common(
-        (p, of_p): (&Place, &[f64; AROUND]),
-        (q, of_q): (&Place, &[f64; AROUND]),
+        (p, of_p): (&CellPlace, &[f64; AROUND]),
+        (q, of_q): (&CellPlace, &[f64; AROUND]),
     ) -> f64 {
         let apart = q.middle - p.middle;
         if apart == IVec3::ZERO {
@@ -150,7 +150,7 @@ fn spline(offset: f64) -> [f64; SUPPORT] {
 }
 
 /// What each of the cells that a point belongs to adds to the field there; together 1.
-pub(super) fn weights(place: &Place) -> [f64; AROUND] {
+pub(super) fn weights(place: &CellPlace) -> [f64; AROUND] {
     let [x, y, z] = place.offset.to_array().map(spline);
     let mut all = [0.0; AROUND];
     let mut next = all.iter_mut();

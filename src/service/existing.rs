@@ -38,7 +38,7 @@ impl OnExisting {
     }
 
     /// Whether the marks that were found may be there.
-    pub(super) fn permits(self, found: &[Seen]) -> Result<(), ServiceError> {
+    pub(super) fn permits(self, found: &[CarriedMark]) -> Result<(), ServiceError> {
         if self == Self::Reject && !found.is_empty() {
             return Err(ServiceError::AlreadyMarked(found.iter().map(|seen| seen.id).collect()));
         }
@@ -62,7 +62,7 @@ impl FromStr for OnExisting {
 
 /// A mark that was found on a host.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Seen {
+pub(super) struct CarriedMark {
     pub(super) id: Uuid,
     /// log10 of the bound, all hypotheses counted.
     pub(super) log10_fp: f64,
@@ -77,9 +77,12 @@ pub(super) fn either(a: f64, b: f64) -> f64 {
 impl Service {
     /// Whose marks these are, and those that their own hosts carried: they may be overwritten. One
     /// that was revoked in the meantime is on the host all the same.
-    pub(super) async fn owned(&self, seen: &[Seen]) -> Result<Vec<ExistingMark>, ServiceError> {
+    pub(super) async fn owned(
+        &self,
+        seen: &[CarriedMark],
+    ) -> Result<Vec<ExistingMark>, ServiceError> {
         let (mut marks, mut below) = (Vec::with_capacity(seen.len()), Vec::new());
-        for &Seen { id, log10_fp } in seen {
+        for &CarriedMark { id, log10_fp } in seen {
             let record = self.registry.record(id).await?;
             let record = record.ok_or(ServiceError::UnknownWatermark(id))?;
             // The search charged it as a record that was not chosen.
@@ -118,7 +121,7 @@ mod tests {
 
     #[test]
     fn names_read_back_and_only_reject_refuses() {
-        let found = [Seen { id: Uuid::nil(), log10_fp: -12.0 }];
+        let found = [CarriedMark { id: Uuid::nil(), log10_fp: -12.0 }];
         for on_existing in OnExisting::ALL {
             assert_eq!(on_existing.to_string().parse(), Ok(on_existing));
             assert!(on_existing.permits(&[]).is_ok());

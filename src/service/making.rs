@@ -7,7 +7,7 @@ use bytes::Bytes;
 
 use super::content::packed;
 use super::embed::{EmbedRequest, takes};
-use super::existing::Seen;
+use super::existing::CarriedMark;
 use super::memory::{self, Purpose};
 use super::register::KeptHost;
 use super::{OnExisting, Service, ServiceError, Spooled};
@@ -45,7 +45,7 @@ pub(super) struct Done {
     pub(super) refused: u32,
     pub(super) quality: Quality,
     /// Marks that the host carried; none where nobody looked.
-    pub(super) existing: Option<Vec<Seen>>,
+    pub(super) existing: Option<Vec<CarriedMark>>,
 }
 
 /// How strongly to mark.

@@ -43,4 +43,4 @@ pub use pass::Host;
 pub use profile::Profile;
 pub use soft::{Score, SoftBits};
 pub use suspect::Suspect;
-pub use synchronise::{Effort, Layouts, synchronise, synchronise_until};
+pub use synchronise::{LayoutEffort, Layouts, synchronise, synchronise_until};

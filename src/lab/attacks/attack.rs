@@ -58,7 +58,7 @@ pub enum Attack {
     Quantise(u32),
     /// [`simplify::simplify`], this share of the triangles removed.
     Simplify(f64),
-    /// [`remesh::remesh`] to this share of the vertices.
+    /// [`remesh()`] to this share of the vertices.
     Remesh(f64),
     /// [`voxel::voxel`] with cells of this share of the diagonal.
     Voxel(f64),

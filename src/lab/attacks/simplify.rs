@@ -6,7 +6,7 @@ use glam::DVec3;
 
 /// Removes `share` of the triangles by edge collapses in the order of their quadric error, with
 /// optimal places for the vertices that stay (Garland and Heckbert, *Surface simplification using
-/// quadric error metrics*, SIGGRAPH 1997, the paper's [17]; here by the meshoptimizer library).
+/// quadric error metrics*, SIGGRAPH 1997, the paper's reference 17; here by the meshoptimizer library).
 /// Luo and Bors 2009, fig. 7: 0.05 to 0.95; Wang et al. 2010: 0.1 to 0.975.
 ///
 /// The library works in single precision on the mesh scaled to a unit; it keeps the topology and

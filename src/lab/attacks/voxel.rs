@@ -18,11 +18,11 @@ const ROUNDING: f64 = 1e-6;
 /// stays. The grid's axes are the file's. This is what "uniform resampling" and "voxel remeshing" of
 /// common programs do.
 ///
-/// Of a closed surface, a corner is inside where the surface winds around it ([`Winding`]): parts that
+/// Of a closed surface, a corner is inside where the surface winds around it (`Winding`): parts that
 /// touch or pass through each other become one. Of any other, where the angle-weighted normal at its
 /// closest point looks away from it (Bærentzen and Aanæs, *Signed distance computation using the angle
 /// weighted pseudonormal*, IEEE TVCG 11(3), 2005); it stays open and loses up to a cell along its
-/// borders, and along lines where it passes through itself ([`extract`]).
+/// borders, and along lines where it passes through itself (`extract`).
 ///
 /// # Errors
 /// [`AttackError::NoSurface`], also where all parts are thinner than a cell.

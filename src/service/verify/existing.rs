@@ -6,12 +6,12 @@
 
 use std::sync::Arc;
 
-use super::super::existing::Seen;
+use super::super::existing::CarriedMark;
 use super::super::hosts::HostKey;
 use super::super::{Service, ServiceError};
 use super::cascade::{Cascade, Found};
 use super::charge::Charges;
-use super::shortlist::{FetchedHost, Place};
+use super::shortlist::{FetchedHost, ListedHost};
 use super::{Begun, Depth};
 use crate::formats::Asset;
 use crate::jobs::{Memory, Slot, Stop};
@@ -22,7 +22,7 @@ pub(in super::super) struct Looking {
     suspect: Suspect,
     all: CodewordIndex,
     cascade: Cascade,
-    listed: Vec<Place>,
+    listed: Vec<ListedHost>,
 }
 
 impl Service {
@@ -62,7 +62,7 @@ impl Service {
         host: &Arc<Asset>,
         geometry: &[u8; 32],
         looking: Looking,
-    ) -> Result<Vec<Seen>, ServiceError> {
+    ) -> Result<Vec<CarriedMark>, ServiceError> {
         let Looking { suspect, all, mut cascade, listed } = looking;
         if !listed.is_empty() {
             let hosts = self.fetch(listed, None).await?;
@@ -80,16 +80,17 @@ impl Service {
         let certain = self.thresholds().certain;
         let seen = |found: Found| {
             let Found { id, log10_fp, .. } = found;
-            (log10_fp < certain).then_some(Seen { id, log10_fp })
+            (log10_fp < certain).then_some(CarriedMark { id, log10_fp })
         };
-        let mut marks: Vec<Seen> = cascade.finish().found.into_iter().filter_map(seen).collect();
+        let mut marks: Vec<CarriedMark> =
+            cascade.finish().found.into_iter().filter_map(seen).collect();
         let earlier = self.hosts.records_of(HostKey::new(geometry));
         if let Some(&newest) = earlier.last() {
             let record = self.registry.record(newest).await?;
             let named = record.and_then(|record| record.existing_marks).unwrap_or_default();
             for mark in named {
                 if marks.iter().all(|known| known.id != mark.watermark_id) {
-                    marks.push(Seen { id: mark.watermark_id, log10_fp: mark.log10_fp });
+                    marks.push(CarriedMark { id: mark.watermark_id, log10_fp: mark.log10_fp });
                 }
             }
         }

@@ -18,7 +18,7 @@ use super::super::verdict::{FrameName, StageName};
 use super::cascade::{Cascade, Found, MOST_MATCHES};
 use super::count::share;
 use super::host_cache::HostCache;
-use super::recipients::{Recipients, Seen};
+use super::recipients::{PoseContext, Recipients};
 use super::{Depth, go_on, relief};
 use crate::jobs::Stop;
 use crate::keys::KeyRing;
@@ -206,9 +206,10 @@ impl HostSearch<'_> {
         };
         let name = match pose.kind {
             PoseKind::InPlace | PoseKind::Near => FrameName::InPlace,
-            PoseKind::SameOrder | PoseKind::Registered(_) | PoseKind::Turned(_) => {
-                FrameName::Registered
-            }
+            PoseKind::SameOrder
+            | PoseKind::FewVertices
+            | PoseKind::Registered(_)
+            | PoseKind::Turned(_) => FrameName::Registered,
         };
         let profile = self.profile(&frame)?;
         let ranked = self.in_frame(candidate_host, &profile);
@@ -227,7 +228,7 @@ impl HostSearch<'_> {
         {
             return Ok(ControlFlow::Break(()));
         }
-        let seen = Seen { name, frame, counted: &counted, within };
+        let seen = PoseContext { name, frame, counted: &counted, within };
         if relief::read(self, candidate_host, (suspect_model, pose), &seen, cascade)?.is_break() {
             return Ok(ControlFlow::Break(()));
         }

@@ -14,7 +14,7 @@ use super::super::verdict::{FrameName, StageName};
 use super::cascade::{Case, Stage, Tried};
 use super::go_on;
 use crate::watermark::{
-    BitCount, Effort, GroupKey, LAYOUT_CLASSES, Layouts, Modulation, Worth, synchronise_until,
+    BitCount, GroupKey, LAYOUT_CLASSES, LayoutEffort, Layouts, Modulation, Worth, synchronise_until,
 };
 
 /// Kinds of marks (number of bits and modulation) that are searched for, those with most records
@@ -25,24 +25,24 @@ const MOST_KINDS: usize = 4;
 /// the best three about its centre, and that centre among the best two by energy.
 pub(super) struct LayoutSearch {
     name: StageName,
-    effort: Effort,
+    effort: LayoutEffort,
 }
 
 impl LayoutSearch {
     /// For extremes that have moved and centres that hardly have: stray vertices, smoothing.
     pub(super) const NEAR: Self = Self {
         name: StageName::LayoutSearchNear,
-        effort: Effort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 },
+        effort: LayoutEffort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 },
     };
     /// For a cut of 2 %, which moves the centre by up to 1.7 % of the diagonal.
     pub(super) const FULL: Self = Self {
         name: StageName::LayoutSearch,
-        effort: Effort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 },
+        effort: LayoutEffort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 },
     };
     /// For a cut of 5 %.
     pub(super) const WIDE: Self = Self {
         name: StageName::LayoutSearchWide,
-        effort: Effort { radius: 0.04, candidates: 8, centres: 6, layouts: 8 },
+        effort: LayoutEffort { radius: 0.04, candidates: 8, centres: 6, layouts: 8 },
     };
 }
 

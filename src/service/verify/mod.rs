@@ -15,9 +15,9 @@ mod host_cache;
 mod host_search;
 mod in_place;
 mod judge;
-mod overmarks;
 mod layouts;
 mod named;
+mod overmarks;
 mod questions;
 mod recipients;
 mod relief;
@@ -45,10 +45,10 @@ pub(super) use charge::Charge;
 use charge::Charges;
 pub(super) use host_cache::HostCache;
 use host_search::{CandidateHost, HostSearch, effort};
-use overmarks::overmarks;
 use named::Named;
+use overmarks::overmarks;
 use questions::Questions;
-use shortlist::{FetchedHost, Place};
+use shortlist::{FetchedHost, ListedHost};
 
 /// A suspect, and what it is compared with.
 #[derive(Debug)]
@@ -134,7 +134,7 @@ struct Begun {
     cascade: Cascade,
     later: Vec<Found>,
     /// Hosts to look at; none when the verdict is clear or the depth does not ask for more.
-    listed: Vec<Place>,
+    listed: Vec<ListedHost>,
 }
 
 impl Service {

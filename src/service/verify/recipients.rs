@@ -23,7 +23,7 @@ fn most_filtered(depth: Depth) -> usize {
 }
 
 /// What a pose hypothesis assumes, and what a stage's bound of a record is multiplied by there.
-pub(super) struct Seen<'a> {
+pub(super) struct PoseContext<'a> {
     pub(super) name: FrameName,
     /// The host's frame in the suspect's coordinates.
     pub(super) frame: Frame,
@@ -73,7 +73,7 @@ impl<'a> Recipients<'a> {
     /// takes as much memory as the suspect.
     pub(super) fn read(
         &self,
-        seen: &Seen<'_>,
+        seen: &PoseContext<'_>,
         cascade: &mut Cascade,
     ) -> Result<ControlFlow<()>, ServiceError> {
         let turned = match self.pose.kind {
@@ -110,7 +110,7 @@ fn score(
     stage: StageName,
     of: &Filtered<'_>,
     soft: SoftBits,
-    seen: &Seen<'_>,
+    seen: &PoseContext<'_>,
     cascade: &mut Cascade,
 ) {
     let score = soft.score(&of.codeword);

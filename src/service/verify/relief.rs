@@ -14,7 +14,7 @@ use super::super::verdict::StageName;
 use super::cascade::{Cascade, MOST_MATCHES};
 use super::go_on;
 use super::host_search::{CandidateHost, HostSearch};
-use super::recipients::Seen;
+use super::recipients::PoseContext;
 use crate::recognition::{PoseHypothesis, SuspectModel, relief_at};
 use crate::registry::Record;
 use crate::relief::Signs;
@@ -25,7 +25,7 @@ pub(super) fn read(
     search: &HostSearch<'_>,
     candidate_host: &CandidateHost,
     (suspect_model, pose): (&SuspectModel<'_>, &PoseHypothesis),
-    seen: &Seen<'_>,
+    seen: &PoseContext<'_>,
     cascade: &mut Cascade,
 ) -> Result<ControlFlow<()>, ServiceError> {
     let asked = |record: &&Record| candidate_host.is_asked(record.id.as_u128());

@@ -46,7 +46,7 @@ fn shares<F: PartialEq>(families: &[F]) -> Vec<f64> {
 }
 
 /// A host on the list: its share and its records.
-pub(super) struct Place {
+pub(super) struct ListedHost {
     key: HostKey,
     share: f64,
     records: Vec<Uuid>,
@@ -75,12 +75,12 @@ impl Service {
         named: Option<&Named>,
         depth: Depth,
         stop: &Stop,
-    ) -> Result<Vec<Place>, ServiceError> {
+    ) -> Result<Vec<ListedHost>, ServiceError> {
         let listed = self.hosts_to_search(suspect, named, depth, stop);
         go_on(stop)?;
         let families: Vec<HostKey> = listed.iter().map(|&key| self.hosts.eldest(key)).collect();
         let listed = listed.into_iter().zip(shares(&families));
-        let place = |(key, share)| Place { key, share, records: self.hosts.records_of(key) };
+        let place = |(key, share)| ListedHost { key, share, records: self.hosts.records_of(key) };
         Ok(listed.map(place).collect())
     }
 
@@ -124,11 +124,11 @@ impl Service {
     /// Fetches what the expensive detectors need of the listed hosts; those that are gone are left out.
     pub(super) async fn fetch(
         &self,
-        listed: Vec<Place>,
+        listed: Vec<ListedHost>,
         named: Option<&Named>,
     ) -> Result<Vec<FetchedHost>, ServiceError> {
         let mut fetched = Vec::new();
-        for Place { key, share, records: of_host } in listed {
+        for ListedHost { key, share, records: of_host } in listed {
             let newest = of_host.split_at(of_host.len().saturating_sub(DETAILED)).1;
             let mut records = self.registry.records(newest).await?;
             records.retain(|record| record.revoked_at.is_none());
@@ -151,14 +151,17 @@ impl Service {
     }
 
     /// The host of a record with its records, if it is kept.
-    pub(super) async fn host_of(self: &Arc<Self>, id: Uuid) -> Result<Option<Place>, ServiceError> {
+    pub(super) async fn host_of(
+        self: &Arc<Self>,
+        id: Uuid,
+    ) -> Result<Option<ListedHost>, ServiceError> {
         let Some(record) = self.registry.record(id).await? else { return Ok(None) };
         let Some(key) = HostKey::of(&record) else { return Ok(None) };
         // (Behind a lock that a registration may hold.)
         let service = self.clone();
         let records = tokio::task::spawn_blocking(move || service.hosts.records_of(key)).await;
         let records = records.map_err(|error| ServiceError::Internal(error.to_string()))?;
-        Ok(Some(Place { key, share: 1.0 - REST, records }))
+        Ok(Some(ListedHost { key, share: 1.0 - REST, records }))
     }
 
     /// All records of a host have the same.

@@ -10,7 +10,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::Effort;
+use super::LayoutEffort;
 use super::outliers::Body;
 use crate::watermark::bins::norms;
 use crate::watermark::{BitCount, Frame, Modulation};
@@ -56,7 +56,7 @@ pub fn search(
     body: &Body,
     bits: BitCount,
     modulation: Modulation,
-    effort: &Effort,
+    effort: &LayoutEffort,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Vec<DVec3> {
     let frame = Frame::spanning(body.centre, &norms(&body.positions, body.centre));

@@ -25,7 +25,7 @@ use energy::Peak;
 
 /// How much is tried.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Effort {
+pub struct LayoutEffort {
     /// Centres are searched up to this far from the suspect's own, as a share of the diagonal.
     pub radius: f64,
     /// Centres that are found by their roughness, beside the suspect's own.
@@ -101,7 +101,7 @@ pub fn synchronise(
     suspect: &Suspect,
     bits: BitCount,
     modulation: Modulation,
-    effort: &Effort,
+    effort: &LayoutEffort,
 ) -> Layouts {
     synchronise_until(suspect, bits, modulation, effort, &|| false)
 }
@@ -113,7 +113,7 @@ pub fn synchronise_until(
     suspect: &Suspect,
     bits: BitCount,
     modulation: Modulation,
-    effort: &Effort,
+    effort: &LayoutEffort,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Layouts {
     let none = Layouts { bits, per_centre: Vec::new(), most: effort.layouts };

@@ -4,7 +4,7 @@ use crate::mesh::surface::Surface;
 use crate::sample::Sample;
 use crate::watermark::{Codeword, EmbedParams, Host, MarkKey, Message, embed};
 
-const EFFORT: Effort = Effort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 };
+const EFFORT: LayoutEffort = LayoutEffort { radius: 0.018, candidates: 4, centres: 2, layouts: 4 };
 
 fn marked() -> (Mesh, Codeword) {
     let mesh = Sample::Blob.mesh(20_000).unwrap();
@@ -98,7 +98,7 @@ fn shapes_without_bins_are_no_trouble() {
     let triangle = Mesh::new(vec![DVec3::ZERO, DVec3::X, 3.0 * DVec3::Y], vec![[0, 1, 2]]).unwrap();
     for mesh in [ball, triangle] {
         let Ok(suspect) = Suspect::new(&mesh) else { continue };
-        let small = Effort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 };
+        let small = LayoutEffort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 };
         for bits in [16, 256] {
             let bits = BitCount::new(bits).unwrap();
             let found = synchronise(&suspect, bits, Modulation::Mean, &small);

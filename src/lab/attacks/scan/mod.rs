@@ -56,7 +56,7 @@ pub struct Sample {
 
 /// Draws points uniformly over the surface, with the normals of their triangles, moves them by
 /// Gaussian noise, and makes a surface of the points alone: marching cubes of the signed distance to
-/// the algebraic sphere that is fitted around each corner of a grid ([`fit`]). Of the old mesh nothing
+/// the algebraic sphere that is fitted around each corner of a grid (`fit`). Of the old mesh nothing
 /// stays but where its surface was, to within the noise.
 ///
 /// Where sheets are nearer to each other than some cells the new surface may have holes, as scans

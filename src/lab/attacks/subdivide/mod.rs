@@ -1,7 +1,7 @@
 //! Subdivision schemes, one step each: more triangles over the same or a smoother surface.
 //!
 //! D. Zorin and P. Schröder, *Subdivision for modeling and animation*, SIGGRAPH course notes 2000
-//! (the paper's [23]), describe all but the last.
+//! (the paper's reference 23), describe all but the last.
 
 mod butterfly;
 mod sqrt3;

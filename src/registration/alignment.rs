@@ -1,39 +1,16 @@
-//! The whole way: from a host and a suspect to the similarities that bring the one into the coordinates of the
-//! other.
+//! The alignment by vertices that suspect and host share, and whether it leaves nothing to search for.
 
 use super::budget::Within;
-use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
-use super::surface::{by_surface, share_near};
+use super::prepared::{Alignment, Basis, PreparedHost, PreparedSuspect};
+use super::surface::share_near;
 use super::vertices::{Twins, twins};
 use crate::mesh::stop::Stop;
 
-/// Twins that make up this share of the suspect leave nothing to search for, where they put this share
+/// Correspondences that make up this share of the suspect leave nothing to search for, where they put this share
 /// of its surface on the host. (Regular parts of a surface that was made anew have the same surroundings
 /// in several places: on a bracket a fifth of the vertices had false correspondences.)
-const TWINS_SUFFICE: f64 = 0.2;
+const VERTICES_SUFFICE: f64 = 0.2;
 const SURFACE_SUFFICES: f64 = 0.9;
-
-/// The similarities under which `suspect` is a part of `host`, best first; few, and none where
-/// there is nothing in common. What is stopped returns vertex correspondences or
-/// nothing.
-#[must_use]
-pub fn register(
-    host: &PreparedHost,
-    suspect: &PreparedSuspect,
-    effort: Effort,
-    within: Within<'_>,
-) -> Vec<Alignment> {
-    let Some(alignment) = by_vertices(host, suspect, within.stop) else {
-        return by_surface(host, suspect, effort, &[], within);
-    };
-    if suffices(host, suspect, &alignment, within) {
-        return vec![alignment];
-    }
-    let mut all = by_surface(host, suspect, effort, &[], within);
-    all.retain(|other| other.overlap > 2.0 * alignment.overlap);
-    all.push(alignment);
-    all
-}
 
 /// The alignment by the vertices that suspect and host share; also `None` once `stop` answers `true`.
 #[must_use]
@@ -43,7 +20,7 @@ pub fn by_vertices(
     stop: Stop<'_>,
 ) -> Option<Alignment> {
     let found = twins(&host.shape, &host.landmarks, &suspect.shape, &suspect.landmarks, stop)?;
-    Some(from_twins(host, suspect, found))
+    Some(from_correspondences(host, suspect, found))
 }
 
 /// Whether shared vertices leave nothing to search for.
@@ -51,15 +28,15 @@ pub fn by_vertices(
 pub fn suffices(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
-    twins: &Alignment,
+    shared: &Alignment,
     within: Within<'_>,
 ) -> bool {
-    twins.overlap > TWINS_SUFFICE
-        && share_near(host, suspect, &twins.similarity, within)
+    shared.overlap > VERTICES_SUFFICE
+        && share_near(host, suspect, &shared.similarity, within)
             .is_some_and(|share| share >= SURFACE_SUFFICES)
 }
 
-fn from_twins(host: &PreparedHost, suspect: &PreparedSuspect, found: Twins) -> Alignment {
+fn from_correspondences(host: &PreparedHost, suspect: &PreparedSuspect, found: Twins) -> Alignment {
     let Twins { similarity, pairs, .. } = found;
     let squared = |&[s, h]: &[u32; 2]| {
         let from = similarity.apply(suspect.shape.positions[s as usize]);
@@ -68,7 +45,7 @@ fn from_twins(host: &PreparedHost, suspect: &PreparedSuspect, found: Twins) -> A
     let squares: f64 = pairs.iter().map(squared).sum();
     Alignment {
         similarity: suspect.shape.unit.then(&similarity).then(&host.shape.unit.inverse()),
-        basis: Basis::Twins,
+        basis: Basis::Vertices,
         overlap: pairs.len() as f64 / suspect.shape.positions.len() as f64,
         rms: (squares / pairs.len().max(1) as f64).sqrt(),
         pairs,
@@ -81,12 +58,26 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::mesh::surface::Surface;
     use crate::registration::budget::Budget;
-    use crate::registration::in_place;
     use crate::registration::shape::Shape;
     use crate::registration::similarity::Similarity;
     use crate::registration::similarity::tests::awkward;
+    use crate::registration::{Effort, by_surface, in_place};
     use crate::sample::Sample;
     use glam::DVec3;
+
+    /// Similarities in the order in which they are tried.
+    fn register(
+        host: &PreparedHost,
+        suspect: &PreparedSuspect,
+        effort: Effort,
+        within: Within<'_>,
+    ) -> Vec<Alignment> {
+        let shared = by_vertices(host, suspect, within.stop);
+        match shared {
+            Some(shared) if suffices(host, suspect, &shared, within) => vec![shared],
+            _ => by_surface(host, suspect, effort, &[], within).into_iter().chain(shared).collect(),
+        }
+    }
 
     fn budget() -> Budget {
         Budget::new(u64::MAX)
@@ -113,7 +104,7 @@ mod tests {
             assert!(best.overlap > 0.99, "{best:?}");
             let error = best.similarity.apply(place.apply(DVec3::ZERO)).length();
             assert!(error * host.shape.unit.scale < 2e-4, "{error:e}");
-            assert!(register(&host, &suspect, Effort::Twins, free(&budget())).is_empty());
+            assert_eq!(by_vertices(&host, &suspect, &|| false), None);
         }
     }
 
@@ -158,12 +149,9 @@ mod tests {
     fn in_place_is_told_from_moved() {
         let host = PreparedHost::new(shape(Sample::Knot, 5000, &Similarity::IDENTITY));
         let kept = PreparedSuspect::new(shape(Sample::Knot, 3000, &Similarity::IDENTITY));
-        assert!(
-            in_place(&host, &kept, false, free(&budget()))
-                .is_some_and(|a| a.basis == Basis::InPlace)
-        );
+        assert!(in_place(&host, &kept, free(&budget())).is_some_and(|a| a.basis == Basis::InPlace));
         let moved = PreparedSuspect::new(shape(Sample::Knot, 3000, &awkward(1.0)));
-        assert_eq!(in_place(&host, &moved, true, free(&budget())), None);
+        assert_eq!(in_place(&host, &moved, free(&budget())), None);
     }
 
     #[test]
@@ -279,7 +267,7 @@ mod tests {
             let _ = register(&sound, &suspect, Effort::Thorough, free(&budget()));
             let host = PreparedHost::new(shape);
             let _ = register(&host, &suspect, Effort::Whole, free(&budget()));
-            let _ = in_place(&host, &suspect, true, free(&budget()));
+            let _ = in_place(&host, &suspect, free(&budget()));
         }
     }
 
