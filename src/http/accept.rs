@@ -5,7 +5,7 @@
 //! caller takes both equally (`*/*`, or axios' `application/json, text/plain, */*`), it is the file.
 //! Errors are problem documents whatever the header says.
 //!
-//! (Crates for this choose among equals in the caller's order, which would answer axios with JSON.)
+//! Crates for this choose among equals in the caller's order, which would answer axios with JSON.
 
 use axum::http::{HeaderMap, header};
 

@@ -151,7 +151,7 @@ impl From<ServiceError> for ApiError {
             ServiceError::StorageFull(_) => Code::InsufficientStorage,
             ServiceError::Job(JobError::Busy { .. }) => Code::Busy,
             ServiceError::Job(JobError::DeadlinePassed) => Code::DeadlineExceeded,
-            // (Nobody reads the answer to one who hung up.)
+            // Nobody reads the answer to one who hung up.
             ServiceError::Job(JobError::ShuttingDown | JobError::HungUp) => Code::ShuttingDown,
             ServiceError::Job(JobError::TooMuchMemory { .. }) => Code::TooLarge,
             ServiceError::Check(_) => Code::CheckFailed,

@@ -373,7 +373,7 @@ mod tests {
         let given = chown(&real, Some(12345), Some(23456)).is_ok();
         for mode in [0o600, 0o640, 0o440] {
             set(mode);
-            // (Another user could not read it.)
+            // Another user could not read it.
             KeyRing::open(&link).unwrap().rotate().unwrap();
             let found = std::fs::metadata(&real).unwrap();
             assert_eq!(found.permissions().mode() & 0o777, mode);

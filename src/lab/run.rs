@@ -149,7 +149,7 @@ impl Plan<'_> {
     }
 
     /// Rows of several runs in the order of [`Plan::all`]; those of other plans stay in theirs, at the
-    /// end. A run in parts is told of as one at once is.
+    /// end. The progress of a run in parts is that of the same run made at once.
     #[must_use]
     pub fn in_order(&self, mut rows: Vec<Row>) -> Vec<Row> {
         let mut places = BTreeMap::new();

@@ -206,7 +206,7 @@ impl<'a> Maker<'a> {
                 Err(error) if is_about_the_mark(&error) => error,
                 Err(error) => return Err(error),
             };
-            // (Where nothing was tried, it is the host that carries no mark.)
+            // Where nothing was tried, it is the host that carries no mark.
             if place == last || tries == before {
                 break error;
             }

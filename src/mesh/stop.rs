@@ -50,7 +50,7 @@ pub fn unstopped<T>(run: impl FnOnce(Stop<'_>) -> Option<T>) -> T {
 #[must_use]
 pub fn once<T>(cell: &OnceLock<T>, make: impl FnOnce() -> Option<T>) -> Option<&T> {
     if cell.get().is_none() {
-        // (Another may have been quicker, with the same.)
+        // Another may have been quicker, with the same.
         let _ = cell.set(make()?);
     }
     cell.get()
@@ -127,7 +127,7 @@ pub fn chosen<T: Sync, R: Send>(
     for (number, step) in items.chunks(STEP).enumerate() {
         go_on(stop)?;
         let start = number * STEP;
-        // (Plain loops over tasks: a parallel iterator that filters took three times as long.)
+        // Plain loops over tasks: a parallel iterator that filters took three times as long.
         let task = |(task, items): (usize, &[T])| {
             let mut chosen = Vec::with_capacity(items.len());
             let numbered = (start + task * CHOSEN..).zip(items);

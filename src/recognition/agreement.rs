@@ -20,7 +20,7 @@ pub fn share_on(
             PoseKind::InPlace => !pose.correspondences.is_empty(),
             kind => kind == PoseKind::SameOrder,
         };
-        // (Turned as the host can be turned onto itself, it lies on the same share.)
+        // Turned as the host can be turned onto itself, it lies on the same share.
         // The same vertices at nearly the same places need no closer look.
         let share = if in_order {
             Some(1.0)

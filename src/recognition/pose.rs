@@ -133,7 +133,7 @@ pub fn poses(
         let similarity = shared.similarity;
         see(from_alignment(host_model, suspect_model, shared, kind))?;
         if enough {
-            // (Every vertex may have correspondences in several places.)
+            // Every vertex may have correspondences in several places.
             return symmetric_poses(host, &similarity, within.stop, see);
         }
     }

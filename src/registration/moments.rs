@@ -120,7 +120,7 @@ mod tests {
             let moved = |p: &Point| Point { position: place.apply(p.position), ..*p };
             let suspect: Vec<Point> = host.iter().map(moved).collect();
             let found = by_moments(&host, &suspect, scale < 0.0);
-            // (Two of its moments are nearly alike.)
+            // Two of its moments are nearly alike.
             assert_eq!(found.len(), 24 + 2 * 68);
             let error = |s: &Similarity| s.apply(place.apply(DVec3::ONE)).distance(DVec3::ONE);
             assert_eq!(found.iter().filter(|s| error(s) < 1e-9).count(), 1);

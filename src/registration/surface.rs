@@ -77,7 +77,7 @@ pub fn in_place(
         return None;
     }
     let points = scatter_until(&suspect.shape, REFINED, within.stop)?;
-    // (Half: what moved has its own to come.)
+    // Half: what moved has its own to come.
     let found = finish(host, suspect, target, &found, &points, within.budget.share(2), within);
     (!(within.stop)()).then_some(Alignment { basis: Basis::InPlace, ..found })
 }

@@ -64,7 +64,7 @@ pub(super) fn symmetries(host: &PreparedHost, stop: Stop<'_>) -> Option<Vec<Simi
         if aligned.overlap < ROUGHLY || !is_new(&aligned, &found) {
             continue;
         }
-        // (Its search tree is not made for hosts without a candidate.)
+        // Its search tree is not made for hosts without a candidate.
         let Some(target) = host.target(stop) else { break };
         let exact = target.align(&aligned.similarity, &judges, FINE..EXACT, ROUNDS, within);
         let exact = target.judge(&exact, &judges, EXACT, within);

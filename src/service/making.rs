@@ -224,7 +224,7 @@ fn kept(key: [u8; 32], host: &Mesh, stop: &Stop) -> Result<KeptHost, ServiceErro
     let shape = surface.and_then(|surface| Shape::new_until(surface, &asked));
     let sketch = shape.and_then(|shape| Sketch::new_until(&shape, &asked));
     match geometry::pack_until(host, &asked) {
-        // (What has no shape has no sketch; what was stopped has none either.)
+        // What has no shape has no sketch; what was stopped has none either.
         _ if stop.now() => Err(stop.reason().into()),
         packed => Ok(KeptHost { key, geometry: packed?.into(), sketch }),
     }

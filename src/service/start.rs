@@ -92,7 +92,7 @@ fn refusal(
         (Some(noted), Some(found)) if noted.id != found.id => {
             return Some(StartError::OtherRegistry { data });
         }
-        // (A registry without an identity is of before any was noted.)
+        // A registry without an identity is of before any was noted.
         (Some(noted), _) if survey.records > 0 || found.is_some() => {
             let found = found.map_or(0, |found| found.changes);
             if found < noted.changes {

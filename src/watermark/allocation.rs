@@ -76,7 +76,7 @@ impl Allocation<'_> {
     /// nothing.
     #[must_use]
     pub fn solve(&self, target: f64, stop: Stop<'_>) -> Solution {
-        // (No number: which ends the search.)
+        // No number: which ends the search.
         let statistic = |m| if stop() { f64::NAN } else { self.statistic(m) };
         let (multiplier, reached) = solve(statistic, target, self.guess(target));
         Solution { multiplier, reached }

@@ -187,7 +187,7 @@ fn sums(steps: &[usize], limit: usize) -> Vec<f64> {
 pub fn least_score(weights: &[f64], log10_bound: f64) -> Option<f64> {
     let Tail { weights, exponent, total, .. } = Tail::new(weights);
     let n = weights.len() as f64;
-    // (With something to spare for what [`MARGIN`] is for.)
+    // With something to spare for what [`MARGIN`] is for.
     let allowed = log10_bound + n * LOG10_2 + 10.0 * MARGIN;
     if log10_bound >= 0.0 || !total.is_finite() {
         return Some(0.0);

@@ -62,7 +62,7 @@ pub(super) struct Node {
     pub(super) children: Vec<usize>,
     pub(super) mesh: Option<usize>,
     pub(super) skin: Option<usize>,
-    // (Boxed: a node of two bytes, `{}`, must not become three hundred.)
+    // Boxed: a node of two bytes, `{}`, must not become three hundred.
     pub(super) matrix: Option<Box<[f64; 16]>>,
     pub(super) translation: Option<Box<[f64; 3]>>,
     pub(super) rotation: Option<Box<[f64; 4]>>,

@@ -55,7 +55,7 @@ impl Precision {
             // Beyond the reach of fixed point the last that is within it must do.
             let Some((steps, power)) = longer.steps(host) else { break };
             spelling = longer;
-            // (Plus zero: -0 is 0.)
+            // Plus zero: -0 is 0.
             if (steps as f64 / power).to_bits() == (host + 0.0).to_bits() {
                 break;
             }

@@ -225,7 +225,7 @@ proptest! {
             more += u64::from(marked > host);
             // As many as there, or as the step needs; one more where 2^50 steps do not reach.
             let beyond = usize::from(marked > 10 || after.len() > 15);
-            // (Steps are no finer than 1e-7 of the diagonal, which is below 1e7 here or irrelevant.)
+            // Steps are no finer than 1e-7 of the diagonal, which is below 1e7 here or irrelevant.
             prop_assert!(marked <= host.max(digits) + beyond || digits == 11, "{before} {after}");
             prop_assert!(!after.contains(['e', 'E']), "{before} {after}");
         }

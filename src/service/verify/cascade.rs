@@ -71,7 +71,7 @@ impl Found {
     /// The same with this charge.
     pub(super) fn charged(self, charge: Charge) -> Self {
         let log10_counted = (self.counted * charge.factor()).log10();
-        // (A bound that is no number becomes 0 here: it matches nothing.)
+        // A bound that is no number becomes 0 here: it matches nothing.
         let log10_fp = (self.candidate.log10_bound + log10_counted).min(0.0);
         Self { charge, log10_fp, ..self }
     }
@@ -167,7 +167,7 @@ impl Cascade {
         counted: f64,
     ) {
         let id = Uuid::from_u128(candidate.id);
-        // (Most are no match whatever they are charged for, and need not be asked about.)
+        // Most are no match whatever they are charged for, and need not be asked about.
         if candidate.log10_bound + counted.log10() >= self.thresholds.inconclusive {
             return;
         }

@@ -97,7 +97,7 @@ impl HostSearch<'_> {
         if let Some(found) = cascade.best_match() {
             let (id, sound) = (found.id, self.is_sound(found)?);
             self.compare_shapes(id, &suspect_model, cascade)?;
-            // (The list is the host of what was found: other records of it are other recipients.)
+            // The list is the host of what was found: other records of it are other recipients.
             let alone = self.hosts.iter().all(|candidate_host| candidate_host.records.len() == 1);
             if sound || alone {
                 return Ok(());
@@ -250,7 +250,7 @@ impl HostSearch<'_> {
             let soft = Arc::new(profile.read(key.class, key.bits, key.modulation));
             vec![Hypothesis { frame, soft }]
         };
-        // (What does not match is ranked, too; no bound is above one.)
+        // What does not match is ranked, too; no bound is above one.
         marks.search(&read, Worth { log10_bound: 0.0, most: usize::MAX }).candidates
     }
 }

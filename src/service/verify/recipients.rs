@@ -60,7 +60,7 @@ impl<'a> Recipients<'a> {
         let ranked = ranking.iter().filter_map(|&id| candidate_host.record(id)).filter(has_blind);
         let ranked: Vec<&Record> = ranked.collect();
         let is_ranked = |record: &&Record| ranked.iter().any(|known| known.id == record.id);
-        // (The rest, newest first: bins say nothing of a suspect that is much damaged.)
+        // The rest, newest first: bins say nothing of a suspect that is much damaged.
         let rest = candidate_host.records.iter().rev();
         let rest = rest.filter(has_blind).filter(|record| !is_ranked(record));
         let asked = ranked.iter().copied().chain(rest);

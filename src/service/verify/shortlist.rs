@@ -157,7 +157,7 @@ impl Service {
     ) -> Result<Option<ListedHost>, ServiceError> {
         let Some(record) = self.registry.record(id).await? else { return Ok(None) };
         let Some(key) = HostKey::of(&record) else { return Ok(None) };
-        // (Behind a lock that a registration may hold.)
+        // Behind a lock that a registration may hold.
         let service = self.clone();
         let records = tokio::task::spawn_blocking(move || service.hosts.records_of(key)).await;
         let records = records.map_err(|error| ServiceError::Internal(error.to_string()))?;

@@ -164,7 +164,7 @@ fn the_least_score_misses_nothing_and_little_more() {
         let total: f64 = weights.iter().sum();
         for wanted in [-0.5, -3.0, -7.0, -8.9] {
             let least = least_score(&weights, wanted).unwrap();
-            // (Below it, not at it.)
+            // Below it, not at it.
             assert!(log10_tail(&weights, least * (1.0 - 1e-12)) > wanted, "{wanted}");
             assert!(log10_tail(&weights, least + 0.08 * total) < wanted, "{wanted}: {least}");
         }

@@ -49,7 +49,7 @@ impl Comparison {
         middle: &[DVec3],
         stop: Stop<'_>,
     ) -> Self {
-        // (Nothing is paired with no weights.)
+        // Nothing is paired with no weights.
         let weights = filter.weights(correspondences, rounds, middle, stop).unwrap_or_default();
         let mut rest = vec![DVec3::ZERO; middle.len()];
         let mut seen = vec![0.0; middle.len()];

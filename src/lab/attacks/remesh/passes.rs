@@ -137,7 +137,7 @@ fn evens_out(mesh: &Dynamic, [a, b, c, d]: [u32; 4]) -> bool {
 }
 
 /// Squared difference between a vertex's neighbours, with `more` of them, and what it should have.
-/// (Squares rather than sizes: of two flips the one at the worse vertex is preferred.)
+/// Squares rather than sizes: of two flips the one at the worse vertex is preferred.
 fn excess(mesh: &Dynamic, vertex: u32, more: i64) -> i64 {
     let vertex = vertex as usize;
     let border = i64::from(mesh.border[vertex]);
