@@ -5,7 +5,7 @@
 //! cargo bench --bench attack -- IN OUT.obj FAMILY AMOUNT [MORE]
 //! ```
 //!
-//! A name is one of `lab::attacks::named`, such as `voxel-0.5` or `crop-30+noise-0.5`; a wrong one lists
+//! A name is one of `attacks::named`, such as `voxel-0.5` or `crop-30+noise-0.5`; a wrong one lists
 //! them all. Families are called as that script calls them:
 //!
 //! `noise 0.003`, `smoothing 0.5 10`, `quantisation 8`, `simplification 0.9`, `remeshing 0.6`,
@@ -15,9 +15,9 @@
 use std::fmt::Write as _;
 use std::time::Instant;
 
+use quadmark::attacks::crop::Of;
+use quadmark::attacks::{Attack, Context, Named, Target};
 use quadmark::formats::{Asset, Limits};
-use quadmark::lab::attacks::crop::Of;
-use quadmark::lab::attacks::{Attack, Context, Named, Target};
 use quadmark::mesh::Mesh;
 use quadmark::watermark::EmbedParams;
 

@@ -16,7 +16,7 @@ use std::f64::consts::LOG10_2;
 use std::hint::black_box;
 use std::time::Instant;
 
-use quadmark::lab::random::Random;
+use quadmark::attacks::random::Random;
 use quadmark::watermark::{SoftBits, least_score, log10_chernoff, log10_tail};
 
 const STEPS: f64 = 4096.0;

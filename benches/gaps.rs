@@ -12,10 +12,10 @@
 
 #![expect(clippy::expect_used, reason = "a benchmark may stop")]
 
+use quadmark::attacks::random::Random;
+use quadmark::attacks::re_mark::{key_and_message, mark};
+use quadmark::attacks::{Attack, Context, Target};
 use quadmark::formats::{Asset, Limits};
-use quadmark::lab::attacks::re_mark::{key_and_message, mark};
-use quadmark::lab::attacks::{Attack, Context, Target};
-use quadmark::lab::random::Random;
 use quadmark::mesh::Mesh;
 use quadmark::watermark::{Codeword, EmbedParams, Frame, Method, Strength, Suspect};
 

@@ -10,7 +10,7 @@
 //! holds so many other records: hosts are prepared once, and each suspect is judged under all keys,
 //! every record named beside its own being a wrong one. A trial is one recipient's copy under one
 //! attack; a round is one trial on each mesh. Suspects are moved by a random similarity in the end
-//! unless the attack's name ends in `+in-place`. `--attacks help` lists the names (`lab::attacks::named`);
+//! unless the attack's name ends in `+in-place`. `--attacks help` lists the names (`attacks::named`);
 //! to them come `averaged-N` (N recipients' copies, each of whom must be named; made of large meshes
 //! only as far as copies are there), `laundered` (a crop of 30 %, noise of 0.5 %, and registered anew by
 //! somebody else: the answer or a verification of the new copy must name the first record) and
@@ -53,8 +53,8 @@ use std::time::Instant;
 
 use acceptance::{Outcome, Row, print_head};
 use cases::{Case, PIPELINES};
+use quadmark::attacks::{Attack, Context, collude};
 use quadmark::formats::{Asset, Limits};
-use quadmark::lab::attacks::{Attack, Context, collude};
 use quadmark::lab::measures::detect;
 use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_glb, to_obj};

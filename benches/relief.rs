@@ -12,10 +12,10 @@
 
 use std::time::Instant;
 
+use quadmark::attacks::Attack::{self, Crop, Noise, Quantise, Remesh, Simplify, Smooth};
+use quadmark::attacks::crop::Of::Vertices;
+use quadmark::attacks::{Context, Target, collude};
 use quadmark::formats::{Asset, Limits};
-use quadmark::lab::attacks::Attack::{self, Crop, Noise, Quantise, Remesh, Simplify, Smooth};
-use quadmark::lab::attacks::crop::Of::Vertices;
-use quadmark::lab::attacks::{Context, Target, collude};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::quality::quality_until;
 use quadmark::mesh::surface::Surface;

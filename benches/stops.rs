@@ -16,11 +16,11 @@ use std::hint::black_box;
 use std::sync::Mutex;
 
 use glam::DVec3;
+use quadmark::attacks::Target;
+use quadmark::attacks::simplify::simplify;
 use quadmark::blobs::{geometry, marked};
+use quadmark::forecast::expected;
 use quadmark::formats::{Asset, Format, Limits, agrees_until};
-use quadmark::lab::attacks::Target;
-use quadmark::lab::attacks::simplify::simplify;
-use quadmark::lab::expected::expected;
 use quadmark::marking::{
     Amplitude, Layers, MarkRequest, inspect_asset, inspect_asset_until, mark_asset,
 };

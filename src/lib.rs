@@ -59,12 +59,15 @@
 //! - [`sample`]: meshes made from nothing, for documentation and tests.
 //! - [`config`], [`keys`], [`registry`], [`blobs`], [`jobs`]: settings, master keys, records,
 //!   files, the worker pool; [`durable`]: names on the disk.
-//! - [`lab`]: what a mark costs and survives: attacks, measures, experiments.
+//! - [`attacks`]: what may happen to a marked mesh; [`forecast`]: what a mark will survive.
+//! - [`lab`]: what a mark costs and survives: experiments and reports.
 //! - [`service`]: the use cases; [`http`]: the same over HTTP.
 
+pub mod attacks;
 pub mod blobs;
 pub mod config;
 pub mod durable;
+pub mod forecast;
 pub mod formats;
 pub mod http;
 pub mod jobs;

@@ -26,15 +26,14 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ("jobs", &[]),
     (
         "service",
-        // Of the lab, only the model of what a mark will survive.
         &[
             "blobs",
             "config",
             "durable",
+            "forecast",
             "formats",
             "jobs",
             "keys",
-            "lab",
             "marking",
             "mesh",
             "recognition",
@@ -44,10 +43,14 @@ const MAY_SEE: &[(&str, &[&str])] = &[
             "watermark",
         ],
     ),
-    // Its attacks write files from meshes, as `sample` does.
+    // One of them writes files from meshes, as `sample` does.
+    ("attacks", &["formats", "watermark", "mesh", "sample", "relief"]),
+    ("forecast", &["attacks", "formats", "marking", "sample", "watermark", "mesh"]),
     (
         "lab",
         &[
+            "attacks",
+            "forecast",
             "formats",
             "watermark",
             "mesh",
@@ -73,8 +76,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("tobj", &["formats"]),
     ("object_store", &["blobs"]),
     ("quick_cache", &["service/verify/homes"]),
-    ("rand_chacha", &["watermark/codeword", "relief/signs", "lab/random"]),
-    ("meshopt", &["lab/attacks"]),
+    ("rand_chacha", &["watermark/codeword", "relief/signs", "attacks/random"]),
+    ("meshopt", &["attacks"]),
     ("png", &["lab/report"]),
     ("csv", &["lab/row"]),
     ("hkdf", &["keys"]),
@@ -93,8 +96,8 @@ const PURE: &[&str] = &[
     "marking",
     "sample",
     "formats",
-    "lab/attacks",
-    "lab/random",
+    "attacks",
+    "forecast",
 ];
 
 /// Functions whose last bits differ from platform to platform, as methods; `libm` has them all. (Sums,

@@ -12,8 +12,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 use quadmark::blobs::{geometry, marked};
+use quadmark::forecast::expected;
 use quadmark::formats::{Asset, Limits};
-use quadmark::lab::expected::expected;
 use quadmark::marking::{
     Amplitude, Layers, MarkError, MarkRequest, inspect_asset_until, mark_asset,
 };

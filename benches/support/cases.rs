@@ -1,8 +1,8 @@
 //! What happens to suspects in the acceptance table of detection, and what share of them must be
 //! recognised.
 
-use quadmark::lab::attacks::{Attack, AttackError, Context, Named, Target};
-use quadmark::lab::random::Random;
+use quadmark::attacks::random::Random;
+use quadmark::attacks::{Attack, AttackError, Context, Named, Target};
 use quadmark::mesh::Mesh;
 
 /// Ends the name of a case whose suspects keep their place; all others are moved at the end.

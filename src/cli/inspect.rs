@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use quadmark::forecast::{Expected, expected};
 use quadmark::formats::Asset;
-use quadmark::lab::expected::{Expected, expected};
 use quadmark::marking::{Inspection, inspect_asset};
 use quadmark::watermark::{BitCount, EmbedParams, Method, Strength};
 

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use quadmark::lab::attacks::Attack;
+use quadmark::attacks::Attack;
 use quadmark::lab::grid::{Choices, Experiment, Grid};
 use quadmark::lab::report::{Report, galleries};
 use quadmark::lab::row::{Journal, Row, from_csv, merged, to_csv};

@@ -8,7 +8,7 @@ use uuid::Uuid;
 
 #[allow(unused_imports)] // schemas name them
 use super::schemas::{FormatName, LayersName, MethodName, OrderName};
-use crate::lab::expected::Expected;
+use crate::forecast::Expected;
 use crate::registry::{Cursor, ExistingMark, Page, Quality, Record};
 use crate::relief::Amplitude;
 use crate::service::Inspected;

@@ -63,7 +63,7 @@ impl Sequential {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lab::random::Random;
+    use crate::attacks::random::Random;
 
     /// Share of runs that end in `Met`, and the mean number of outcomes.
     fn met(share: f64, test: Sequential) -> (f64, f64) {

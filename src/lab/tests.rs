@@ -3,13 +3,13 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::attacks::Attack;
-use super::attacks::crop::Of;
 use super::grid::{Choices, Experiment, Grid, Setting};
 use super::report::{Report, galleries};
 use super::row::{Journal, Row, from_csv, merged, to_csv};
 use super::run::{Plan, Progress, Subject, Watch};
 use super::summary::{Group, groups};
+use crate::attacks::Attack;
+use crate::attacks::crop::Of;
 use crate::formats::Limits;
 use crate::marking::Layers;
 use crate::sample::{Sample, to_obj};

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeSet;
 
-use super::attacks::{Attack, Context, Target};
 use super::grid::Setting;
 use super::measures::{Damage, Detection, damage, detect};
 use super::perceived::msdm2;
-use super::random::Random;
 use super::row::Row;
 use super::run::Subject;
+use crate::attacks::random::Random;
+use crate::attacks::{Attack, Context, Target};
 use crate::formats::{Asset, Limits};
 use crate::marking::{
     Amplitude, MarkError, MarkReport, MarkRequest, MaxDistortion, mark, mark_within,

@@ -2,8 +2,8 @@
 
 use super::memory::{self, Purpose};
 use super::{Service, ServiceError, Spooled};
+use crate::forecast::{Expected, expected};
 use crate::formats::Asset;
-use crate::lab::expected::{Expected, expected};
 use crate::marking::{Inspection, MarkError, inspect_asset_until};
 use crate::watermark::EmbedParams;
 

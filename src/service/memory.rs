@@ -21,7 +21,7 @@ pub(super) enum Purpose {
 /// Bytes that a comparison takes whatever the sizes: what is read of a relief at one pose hypothesis.
 const PER_COMPARISON: u64 = 64 << 20;
 
-/// Triangles up to which an inspection rehearses a mark: `lab::expected` looks at no more.
+/// Triangles up to which an inspection rehearses a mark: `forecast` looks at no more.
 const MOST_REHEARSED: u64 = 600_000;
 
 impl Purpose {

@@ -2,9 +2,9 @@
 //! marks of meshes that the blind layer cannot use.
 
 use glam::DVec3;
+use quadmark::attacks::crop::Of;
+use quadmark::attacks::{Attack, Context, Target, collude};
 use quadmark::formats::{Asset, Limits};
-use quadmark::lab::attacks::crop::Of;
-use quadmark::lab::attacks::{Attack, Context, Target, collude};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
 use quadmark::sample::{to_glb, to_obj};

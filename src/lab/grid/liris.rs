@@ -4,8 +4,8 @@
 //! Marks are as strong as a budget of distortion allows; attacks in the order of its tables.
 
 use super::{Choices, Experiment, or, settings};
-use crate::lab::attacks::Attack;
-use crate::lab::attacks::crop::Of;
+use crate::attacks::Attack;
+use crate::attacks::crop::Of;
 use crate::watermark::{BitCount, Method, Strength};
 
 /// MRMS of the perceptual-quality-oriented protocol, as a share of the diagonal.

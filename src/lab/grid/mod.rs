@@ -1,5 +1,6 @@
 //! Which marks are made and which attacks they meet: grids as data.
 
+mod blind;
 mod liris;
 mod paper;
 mod quick;
@@ -7,7 +8,7 @@ mod quick;
 use std::fmt;
 use std::str::FromStr;
 
-use super::attacks::Attack;
+use crate::attacks::Attack;
 use crate::marking::Layers;
 use crate::watermark::{BitCount, Method, Strength};
 
@@ -45,12 +46,6 @@ pub struct Experiment {
     pub first_mesh_only: bool,
 }
 
-/// The attacks of the quick grid.
-#[must_use]
-pub fn quick_attacks() -> &'static [Attack] {
-    &quick::ATTACKS
-}
-
 /// What a caller wants otherwise than the grid has it. Empty lists leave it to the grid.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Choices {
@@ -69,14 +64,16 @@ pub enum Grid {
     Paper,
     /// The protocol of the LIRIS benchmark (Wang et al. 2010), with both of its budgets.
     Liris,
-    /// A few of everything.
+    /// A few of everything, marked and read as the service does it.
     #[default]
     Quick,
+    /// The blind layer alone under the attacks that are forecast.
+    Blind,
 }
 
 impl Grid {
     /// All grids.
-    pub const ALL: [Self; 3] = [Self::Paper, Self::Liris, Self::Quick];
+    pub const ALL: [Self; 4] = [Self::Paper, Self::Liris, Self::Quick, Self::Blind];
 
     /// Its name.
     #[must_use]
@@ -85,6 +82,7 @@ impl Grid {
             Self::Paper => "paper",
             Self::Liris => "liris",
             Self::Quick => "quick",
+            Self::Blind => "blind",
         }
     }
 
@@ -95,6 +93,7 @@ impl Grid {
             Self::Paper => paper::experiments(choices),
             Self::Liris => liris::experiments(choices),
             Self::Quick => quick::experiments(choices),
+            Self::Blind => blind::experiments(choices),
         }
     }
 
@@ -104,7 +103,7 @@ impl Grid {
         match self {
             Self::Paper => 50,
             Self::Liris => 5,
-            Self::Quick => 10,
+            Self::Quick | Self::Blind => 10,
         }
     }
 }
@@ -119,7 +118,7 @@ impl FromStr for Grid {
     type Err = String;
     fn from_str(name: &str) -> Result<Self, String> {
         let named = Self::ALL.into_iter().find(|grid| grid.name() == name);
-        named.ok_or_else(|| format!("unknown grid {name:?}: it is paper, liris or quick"))
+        named.ok_or_else(|| format!("unknown grid {name:?}: it is paper, liris, quick or blind"))
     }
 }
 

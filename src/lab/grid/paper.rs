@@ -6,7 +6,7 @@
 //! and 11), ranges around the values that it does name.
 
 use super::{Choices, Experiment, bit_counts, or, settings, strengths};
-use crate::lab::attacks::Attack;
+use crate::attacks::Attack;
 use crate::watermark::{BitCount, Method};
 
 const METHODS: [Method; 4] = [Method::QspMean, Method::QspVar, Method::ChoMean, Method::ChoVar];

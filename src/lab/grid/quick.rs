@@ -2,14 +2,14 @@
 //! with a relief that is read against the host, and the blind reader beside it.
 
 use super::{Choices, Experiment, Setting, or, settings};
-use crate::lab::attacks::Attack;
-use crate::lab::attacks::crop::Of;
+use crate::attacks::Attack;
+use crate::attacks::crop::Of;
 use crate::marking::{Layers, MaxDistortion};
 use crate::watermark::{BitCount, Method, Strength};
 
 /// At least one of each family, mostly where marks begin to fail; of families that have a strength,
 /// mostly three.
-pub const ATTACKS: [Attack; 40] = [
+const ATTACKS: [Attack; 40] = [
     Attack::None,
     Attack::Similarity,
     Attack::Reorder,

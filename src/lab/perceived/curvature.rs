@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use crate::lab::attacks::edges::Edges;
+use crate::attacks::edges::Edges;
 use crate::mesh::surface::{Surface, doubled_area};
 
 /// A surface with its edges around each vertex.

@@ -134,7 +134,7 @@ fn weights(point: DVec3, corners: [DVec3; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lab::attacks::{Target, noise, smooth};
+    use crate::attacks::{Target, noise, smooth};
     use crate::mesh::Mesh;
     use crate::sample::Sample;
 

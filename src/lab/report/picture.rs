@@ -6,7 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::raster::{SIZE, View, draw};
-use crate::lab::attacks::{Attack, Target};
+use crate::attacks::{Attack, Target};
 use crate::lab::grid::Experiment;
 use crate::lab::run::{Plan, Subject};
 use crate::lab::trial::Trial;

@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Grid;
-use crate::lab::attacks::edges::Edges;
+use crate::attacks::edges::Edges;
 use crate::mesh::surface::Surface;
 
 /// Per line of the grid along x, where the surface crosses it.

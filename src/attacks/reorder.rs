@@ -1,7 +1,7 @@
 //! The same surface in another order.
 
 use super::{AttackError, index};
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 
 /// Puts vertices and triangles in a random order and begins each triangle at a random corner.

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::isosurface::{Grid, extract, grown};
 use super::{AttackError, Target};
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 use crate::mesh::surface::{Surface, doubled_area};
 use fit::Fit;

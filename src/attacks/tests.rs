@@ -1,9 +1,9 @@
 //! Each attack on small generated meshes: what it must keep and what it must change.
 
 use super::*;
-use crate::lab::attacks::crop::Of;
-use crate::lab::attacks::edges::Edges;
-use crate::lab::attacks::remesh::Remeshing;
+use crate::attacks::crop::Of;
+use crate::attacks::edges::Edges;
+use crate::attacks::remesh::Remeshing;
 use crate::mesh::distortion::distortion;
 use crate::mesh::surface::Surface;
 use crate::sample::Sample;
@@ -160,7 +160,7 @@ fn smoothing_draws_to_the_neighbours() {
 /// A ball of radius 1 with a random ripple.
 fn rippled_ball() -> Mesh {
     let host = blob();
-    let mut random = crate::lab::random::Random::new(8);
+    let mut random = crate::attacks::random::Random::new(8);
     let rippled = |p: &DVec3| p.normalize() * (1.0 + 0.003 * random.symmetric());
     let positions = host.positions().iter().map(rippled).collect();
     Mesh::new(positions, host.triangles().to_vec()).unwrap()
@@ -193,11 +193,11 @@ fn cotangent_smoothing_moves_along_the_normal_only() {
     // A plane in triangles of many shapes: nothing is rough, so nothing moves, where the umbrella
     // slides every point.
     let n = 12_u32;
-    let mut random = crate::lab::random::Random::new(3);
+    let mut random = crate::attacks::random::Random::new(3);
     let positions = (0..n * n).map(|i| {
         let inner = |x: u32| if (1..n - 1).contains(&x) { 0.25 } else { 0.0 };
         let [x, y] = [i % n, i / n];
-        let wobble = |random: &mut crate::lab::random::Random| {
+        let wobble = |random: &mut crate::attacks::random::Random| {
             inner(x) * inner(y) * 4.0 * random.symmetric()
         };
         DVec3::new(f64::from(x) + wobble(&mut random), f64::from(y) + wobble(&mut random), 0.0)
@@ -277,7 +277,7 @@ fn pipelines_are_three_attacks_of_different_families() {
     let context = Context { host: &host, params: &params, amplitude: None };
     let steps = [Attack::Simplify(0.5), Attack::Crop(0.3, Of::Vertices)];
     let once = pipeline::in_a_row(&steps, &Target::new(&host), &context, 3).unwrap();
-    let mut random = crate::lab::random::Random::new(3);
+    let mut random = crate::attacks::random::Random::new(3);
     let first = steps[0].apply(&Target::new(&host), &context, random.word()).unwrap();
     let then = steps[1].apply(&Target::new(&first), &context, random.word()).unwrap();
     assert_eq!(once, then);
@@ -489,7 +489,7 @@ fn what_changes_no_distance_ratio_changes_no_bit() {
     let host = Sample::Blob.mesh(8000).unwrap();
     let params = EmbedParams::default();
     let (key, message) =
-        re_mark::key_and_message(&params, &mut crate::lab::random::Random::new(1)).unwrap();
+        re_mark::key_and_message(&params, &mut crate::attacks::random::Random::new(1)).unwrap();
     let codeword = crate::watermark::Codeword::new(&key, &message);
     let marked = re_mark::mark(&host, &codeword, &params).unwrap();
     let marked = Mesh::new(marked.positions, host.triangles().to_vec()).unwrap();

@@ -12,7 +12,7 @@ use super::{
     AttackError, Target, collude, cotangent, fragment, noise, pipeline, quantise, re_mark, reorder,
     round_trip, similarity, simplify, smooth, spikes, subdivide, voxel,
 };
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
 use crate::relief::{Amplitude, Field, Signs};

@@ -1,5 +1,5 @@
 //! What a mark will survive, foretold before it is made: the false-positive bound after each attack
-//! of the quick grid, as a blind detector reads it in the suspect's own frame for one record. (The
+//! of [`ATTACKS`], as a blind detector reads it in the suspect's own frame for one record. (The
 //! other detectors of a verification only add to that.)
 //!
 //! Where the mesh is not too large, a mark is rehearsed (`rehearsal`), and a line fitted to runs of
@@ -11,7 +11,7 @@
 //! `exp(theta . (1, ln strength, ln vertices per bin, ln size in bins, variance))`; with all bins
 //! alike, the bound is Chernoff's at an agreement of `2 p - 1`.
 //!
-//! Both were fitted by `benches/lab/expected.py`, which also states the errors: root mean squares
+//! Both were fitted by `benches/lab/forecast.py`, which also states the errors: root mean squares
 //! over meshes that the fit had not seen.
 
 mod rehearsal;
@@ -19,7 +19,8 @@ mod table;
 
 use serde::Serialize;
 
-use crate::lab::grid::quick_attacks;
+use crate::attacks::Attack;
+use crate::attacks::crop::Of;
 use crate::marking::Inspection;
 use crate::mesh::Mesh;
 use crate::watermark::{EmbedParams, Modulation, log10_chernoff};
@@ -35,9 +36,33 @@ const MOST_CARRIERS: usize = 200_000;
 /// carriers.
 const MOST_TRIANGLES: usize = 3 * MOST_CARRIERS;
 
+/// Attacks of which something is said: at least one of most families, mostly where marks begin to fail.
+pub const ATTACKS: [Attack; 20] = [
+    Attack::None,
+    Attack::Similarity,
+    Attack::Reorder,
+    Attack::RoundTrip,
+    Attack::Noise(0.001),
+    Attack::Noise(0.003),
+    Attack::Noise(0.005),
+    Attack::Smooth { lambda: 0.5, iterations: 1 },
+    Attack::Smooth { lambda: 0.5, iterations: 5 },
+    Attack::Quantise(10),
+    Attack::Quantise(8),
+    Attack::Simplify(0.5),
+    Attack::Simplify(0.9),
+    Attack::Remesh(0.6),
+    Attack::Midpoint,
+    Attack::Loop,
+    Attack::Crop(0.1, Of::Vertices),
+    Attack::Spikes { count: 1, height: 0.01 },
+    Attack::Collude(2),
+    Attack::ReMark,
+];
+
 /// The fit of one attack.
 struct Coefficients {
-    /// As the quick grid names it.
+    /// Its name.
     attack: &'static str,
     /// From counts alone.
     theta: [f64; 5],
@@ -57,7 +82,7 @@ struct Line {
 /// What is expected after an attack.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Expected {
-    /// The attack, as the quick grid names it.
+    /// The name of the attack.
     pub attack: &'static str,
     /// Decimal logarithm of the false-positive bound, read blindly, for one record.
     pub log10_fp: f64,
@@ -67,7 +92,7 @@ pub struct Expected {
     pub rehearsed: Option<f64>,
 }
 
-/// The bound to expect after each attack of the quick grid, in its order; empty for a mesh that
+/// The bound to expect after each of [`ATTACKS`], in their order; empty for a mesh that
 /// cannot be marked. With `stop` answering `true` it ends early and tells less well.
 #[must_use]
 pub fn expected(
@@ -77,9 +102,8 @@ pub fn expected(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Vec<Expected> {
     let Some(features) = features(inspection, params) else { return Vec::new() };
-    let attacks = quick_attacks();
     let small = inspection.carriers <= MOST_CARRIERS && inspection.triangles <= MOST_TRIANGLES;
-    let rehearsed = if small { rehearse(host, params, attacks, stop) } else { Vec::new() };
+    let rehearsed = if small { rehearse(host, params, &ATTACKS, stop) } else { Vec::new() };
     let bins = vec![1.0; inspection.usable_bins];
     let after = |(place, fit): (usize, &Coefficients)| {
         let rehearsed = rehearsed.get(place).copied().flatten();
@@ -119,7 +143,6 @@ fn features(seen: &Inspection, params: &EmbedParams) -> Option<[f64; 5]> {
 mod tests {
     use super::*;
     use crate::formats::{Asset, Limits};
-    use crate::lab::grid::{Choices, Grid};
     use crate::marking::inspect_asset;
     use crate::sample::{Sample, to_obj};
     use crate::watermark::Strength;
@@ -134,11 +157,10 @@ mod tests {
     }
 
     #[test]
-    fn it_foretells_each_attack_of_the_quick_grid() {
-        let grid = Grid::Quick.experiments(&Choices::default());
-        let names: Vec<String> = grid[0].attacks.iter().map(ToString::to_string).collect();
+    fn it_foretells_each_attack() {
+        let names = ATTACKS.map(|attack| attack.to_string());
         let foretold = of(6000, 0.1);
-        assert_eq!(names, foretold.iter().map(|e| e.attack).collect::<Vec<_>>());
+        assert_eq!(names.as_slice(), foretold.iter().map(|e| e.attack).collect::<Vec<_>>());
         for expected in &foretold {
             let fit = TABLE.iter().find(|fit| fit.attack == expected.attack).unwrap();
             assert!(expected.rehearsed.is_some() || fit.line.is_none(), "{expected:?}");

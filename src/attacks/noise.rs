@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{AttackError, Target, with_carriers_at};
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 
 /// Moves every point by `share` of the largest distance from the centre, in a random direction:

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{AttackError, Target, with_carriers_at};
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 
 /// Adds `count` vertices that no triangle uses, up to one diagonal outside the bounding box. (The

@@ -4,9 +4,9 @@
 
 use rayon::prelude::*;
 
-use crate::lab::attacks::re_mark::{key_and_message, mark_until};
-use crate::lab::attacks::{Attack, Context, Target};
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
+use crate::attacks::re_mark::{key_and_message, mark_until};
+use crate::attacks::{Attack, Context, Target};
 use crate::mesh::Mesh;
 use crate::watermark::{BitCount, Codeword, EmbedParams, Method, Modulation, SoftBits, Suspect};
 

@@ -2,7 +2,7 @@
 
 use super::crop::Of;
 use super::{Attack, AttackError, Context, Target};
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 
 /// Attacks in a pipeline.

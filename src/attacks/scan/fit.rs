@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Sample;
-use crate::lab::attacks::isosurface::{Grid, UNKNOWN};
+use crate::attacks::isosurface::{Grid, UNKNOWN};
 use crate::mesh::powers::squared;
 
 /// Steps of the grid's keys: neighbours along z are next to each other.

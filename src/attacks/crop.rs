@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{AttackError, Target, compacted, share_of};
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 use crate::mesh::surface::{Surface, doubled_area};
 

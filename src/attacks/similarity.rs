@@ -1,7 +1,7 @@
 //! Moving, turning and scaling as a whole.
 
 use super::{AttackError, Target};
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 
 /// Largest factor of the random scaling, and one over the smallest.

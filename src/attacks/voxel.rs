@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::edges::Edges;
 use super::isosurface::{Grid, Winding, extract, is_closed, touched};
 use super::{AttackError, Target};
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 use crate::mesh::closest::{Closest, Footpoint};
 use crate::mesh::surface::{Surface, doubled_area};

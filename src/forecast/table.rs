@@ -1,8 +1,8 @@
-//! Fitted by `benches/lab/expected.py` to 136 marks of 17 meshes; do not edit.
+//! Fitted by `benches/lab/forecast.py` to 136 marks of 17 meshes; do not edit.
 
 use super::{Coefficients, Line};
 
-/// In the order of the quick grid.
+/// In the order of the attacks.
 pub const TABLE: [Coefficients; 20] = [
     Coefficients {
         attack: "no attack",

@@ -1,5 +1,5 @@
 use super::*;
-use crate::lab::attacks::edges::Edges;
+use crate::attacks::edges::Edges;
 
 fn cells_near(grid: &Grid, value: impl Fn(DVec3) -> f64) -> Vec<u64> {
     let steps = -12..12;
@@ -39,7 +39,7 @@ fn a_ball_becomes_a_closed_surface_that_looks_outward() {
 fn any_values_give_edges_of_two_triangles() {
     let grid = Grid::new(DVec3::ZERO, 1.0);
     let value = |p: DVec3| {
-        let mut random = crate::lab::random::Random::derived(1, p.to_array().map(f64::to_bits));
+        let mut random = crate::attacks::random::Random::derived(1, p.to_array().map(f64::to_bits));
         // Outside all around, so that nothing is open.
         if p.abs().max_element() > 7.5 { 0.4 } else { 0.5 * random.symmetric() }
     };

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::AttackError;
-use crate::lab::random::Random;
+use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
 use crate::watermark::{

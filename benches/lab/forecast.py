@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Fits the model of `quadmark::lab::expected` to a run of the lab's quick grid.
+"""Fits the model of `quadmark::forecast` to a run of the lab's blind grid.
 
-    quadmark lab FILE... --grid quick --trials N --methods ... --strengths ... --bits ... --out DIR
-    python3 benches/lab/expected.py DIR FILE... [--binary target/release/quadmark]
+    quadmark lab FILE... --grid blind --trials N --methods ... --strengths ... --bits ... --out DIR
+    python3 benches/lab/forecast.py DIR FILE... [--binary target/release/quadmark]
 
-Prints `src/lab/expected/table.rs`, and on standard error what each model is worth. Two models per
+Prints `src/forecast/table.rs`, and on standard error what each model is worth. Two models per
 attack. From counts: ln of a bin's signal over its noise is linear in the logarithms of strength,
 vertices per bin and the object's size in bins, with an offset for variance methods. From a rehearsal,
 as `quadmark inspect --json` tells it: a line from the rehearsed bound to the measured one. Errors are
@@ -121,10 +121,10 @@ def main():
             samples[row["attack"]].append(Sample(row, inspect(row)))
     count = len(next(iter(samples.values())))
     meshes = {s.mesh for own in samples.values() for s in own}
-    print(f"//! Fitted by `benches/lab/expected.py` to {count} marks of {len(meshes)} meshes; do not "
+    print(f"//! Fitted by `benches/lab/forecast.py` to {count} marks of {len(meshes)} meshes; do not "
           "edit.\n")
     print("use super::{Coefficients, Line};\n")
-    print("/// In the order of the quick grid.")
+    print("/// In the order of the attacks.")
     print(f"pub const TABLE: [Coefficients; {len(samples)}] = [")
     totals = [], []
     print("attack | deviation | counts | rehearsal as it is | rehearsal, fitted", file=sys.stderr)
