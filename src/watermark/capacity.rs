@@ -1,7 +1,7 @@
 //! Whether a mesh carries its codeword: the judgement of a reading, and the refusal with counts.
 
 use super::bins::{Frame, LEAST_COUNT};
-use super::extract::Reading;
+use super::detection::extract::Reading;
 use super::{Codeword, WatermarkError};
 
 /// A bin whose margin stays below this share of the strength counts as wrong: a conversion to

@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::bins::Frame;
-use super::{BitCount, Codeword, Modulation, Score, SoftBits, Tail};
+use crate::watermark::bins::Frame;
+use crate::watermark::{BitCount, Codeword, Modulation, Score, SoftBits, Tail};
 use tables::{LANES, Tables};
 
 /// What the records of one group share: their bins and what is read from them.

@@ -1,12 +1,12 @@
 //! Blind reading: bits from a mesh and its mark key alone, with no expectation of what they are
 //! (paper section 4, eq. 21-22).
 
-use super::bins::{BinLayout, BinStatistic, Frame, norms, statistics};
-use super::codeword::Schedule;
-use super::{BitCount, MarkKey, Message, Modulation, WatermarkError};
 use crate::mesh::Mesh;
 use crate::mesh::stop::{Stop, go_on, never};
 use crate::mesh::surface::Surface;
+use crate::watermark::bins::{BinLayout, BinStatistic, Frame, norms, statistics};
+use crate::watermark::codeword::Schedule;
+use crate::watermark::{BitCount, MarkKey, Message, Modulation, WatermarkError};
 
 /// The bins of a surface as one bin layout sees them.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,7 +1,7 @@
 //! Which carriers are in which bin, and in which they were the round before.
 
-use super::bins::BinLayout;
 use crate::mesh::stop::{STEP, Stop, go_on, mapped};
+use crate::watermark::bins::BinLayout;
 
 /// How far a carrier may stray from the bin of the round before, in bin widths.
 const LOYALTY: f64 = 0.1;

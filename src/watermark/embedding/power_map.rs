@@ -1,8 +1,8 @@
 //! The histogram mapping of Cho et al. 2007 and the paper (eq. 9-15): every place in a bin is
 //! raised to one power, chosen so that the bin's statistic reaches its target.
 
-use super::Modulation;
 use crate::mesh::stop::{STEP, Stop};
+use crate::watermark::Modulation;
 
 /// Range of `ln beta` that is searched. `e^7` moves the mean of an even bin to 0.001 and back to
 /// 0.999: further than any strength asks for.

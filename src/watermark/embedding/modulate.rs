@@ -3,14 +3,14 @@
 use rayon::prelude::*;
 
 use super::allocation::{Allocation, Freedom};
-use super::bins::{BinLayout, contribution};
 use super::budget::margins;
 use super::compliance::Pliancy;
 use super::guard::Stiffness;
 use super::power_map::power_map;
 use super::sorted::{BinMemory, BinSlice, SortedByBin};
-use super::{Codeword, EmbedParams, Shaping};
 use crate::mesh::stop::{Stop, go_on, mapped};
+use crate::watermark::bins::{BinLayout, contribution};
+use crate::watermark::{Codeword, EmbedParams, Shaping};
 
 /// In the closed loop a moved vertex keeps this share of the bin's width away from its edges,
 /// so that a slight shift of the centre or a conversion cannot tip it over.

@@ -6,7 +6,7 @@
 //! every lane is certainly below the score asked for; the others are scored again exactly.
 
 use crate::watermark::SoftBits;
-use crate::watermark::bound::least_score;
+use crate::watermark::detection::bound::least_score;
 
 /// Readings per table: sixteen bytes an entry, one register of any 64-bit processor.
 pub(super) const LANES: usize = 8;

@@ -19,8 +19,8 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::bins::{BinLayout, Frame, trimmed_share};
-use super::{BitCount, Hypothesis, Modulation, Profile, SoftBits, Suspect};
+use crate::watermark::bins::{BinLayout, Frame, trimmed_share};
+use crate::watermark::{BitCount, Hypothesis, Modulation, Profile, SoftBits, Suspect};
 use energy::Peak;
 
 /// How much is tried.

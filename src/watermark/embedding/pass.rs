@@ -2,16 +2,16 @@
 
 use glam::DVec3;
 
-use super::bins::{BinLayout, Frame, norms};
 use super::compliance::pliancies;
-use super::extract::Reading;
 use super::guard::{Guard, Moves};
 use super::modulate::{Modulated, Modulator, State};
 use super::placement::{PlacementSurface, radial};
-use super::{Codeword, EmbedParams, Placement, Shaping, WatermarkError};
 use crate::mesh::Mesh;
 use crate::mesh::stop::{Stop, changed, go_on, mapped};
 use crate::mesh::surface::Surface;
+use crate::watermark::bins::{BinLayout, Frame, norms};
+use crate::watermark::detection::extract::Reading;
+use crate::watermark::{Codeword, EmbedParams, Placement, Shaping, WatermarkError};
 
 /// What one pass makes.
 #[derive(Debug)]

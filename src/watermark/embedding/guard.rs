@@ -167,12 +167,12 @@ fn once_each(seen: &mut [bool], all: impl Iterator<Item = u32>) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bins::norms;
     use super::super::compliance::pliancies;
     use super::*;
     use crate::mesh::stop::never;
     use crate::mesh::turning::turning;
     use crate::sample::Sample;
+    use crate::watermark::bins::norms;
 
     #[test]
     fn turned_triangles_are_turned_back_and_the_stiffness_is_remembered() {

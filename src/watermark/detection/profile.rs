@@ -5,9 +5,9 @@
 
 use glam::DVec3;
 
-use super::bins::{BinLayout, BinStatistic, Frame, norms};
-use super::{BitCount, Modulation, SoftBits};
 use crate::mesh::stop::{STEP, Stop, go_on, sorted, unstopped};
+use crate::watermark::bins::{BinLayout, BinStatistic, Frame, norms};
+use crate::watermark::{BitCount, Modulation, SoftBits};
 
 /// Sorted norms with prefix sums, in a frame.
 #[derive(Debug, Clone)]

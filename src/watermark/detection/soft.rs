@@ -2,9 +2,9 @@
 //!
 //! Nothing here that enters a weight may depend on a codeword: the bound rests on that.
 
-use super::bins::BinStatistic;
 use super::bound::Tail;
-use super::{Codeword, Modulation};
+use crate::watermark::bins::BinStatistic;
+use crate::watermark::{Codeword, Modulation};
 
 /// Per bin a sign and a weight.
 #[derive(Debug, Clone, PartialEq)]

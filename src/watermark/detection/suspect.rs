@@ -1,11 +1,11 @@
 //! A suspect: a surface, and what a blind reader sees of it.
 
-use super::bins::{BinLayout, BinStatistic, Frame, norms, statistics};
 use super::profile::Profile;
-use super::{BitCount, Modulation, SoftBits, WatermarkError};
 use crate::mesh::Mesh;
 use crate::mesh::stop::{Stop, never};
 use crate::mesh::surface::Surface;
+use crate::watermark::bins::{BinLayout, BinStatistic, Frame, norms, statistics};
+use crate::watermark::{BitCount, Modulation, SoftBits, WatermarkError};
 
 /// A surface with its profile in its own, blind frame.
 #[derive(Debug, Clone)]

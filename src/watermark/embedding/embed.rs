@@ -8,15 +8,15 @@
 
 use glam::DVec3;
 
-use super::bins::{Frame, norms};
-use super::capacity::{Judge, Judgement};
-use super::extract::Reading;
 use super::fixed_point::FixedPoint;
 use super::modulate::State;
 use super::pass::{Host, Passed, Passes};
-use super::{Codeword, EmbedParams, Method, Shaping, WatermarkError};
 use crate::mesh::stop::{Stop, go_on};
 use crate::mesh::turning::flipped_until;
+use crate::watermark::bins::{Frame, norms};
+use crate::watermark::capacity::{Judge, Judgement};
+use crate::watermark::detection::extract::Reading;
+use crate::watermark::{Codeword, EmbedParams, Method, Shaping, WatermarkError};
 
 /// Rounds after which the best one is taken if it reads every bit. Meshes settle in one to six;
 /// those that oscillate do so within a dozen.

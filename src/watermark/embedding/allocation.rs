@@ -11,10 +11,10 @@
 //! Each place is clipped to its own range. Both statistics grow monotonically with their
 //! multiplier, so one scalar root per bin is found by a bracketed secant.
 
-use super::Modulation;
-use super::bins::contribution;
 use crate::mesh::powers::squared;
 use crate::mesh::stop::Stop;
+use crate::watermark::Modulation;
+use crate::watermark::bins::contribution;
 
 /// What one vertex of a bin may do.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -30,14 +30,14 @@ pub use comparison::Comparison;
 use grid::Grid;
 use smoothing::{HALF, Smoothing};
 
-use super::bins::{BinLayout, Frame, norms};
-use super::modulate::State;
-use super::pass::{Host, Passes};
-use super::{BitCount, Codeword, EmbedParams, SoftBits, WatermarkError};
 use crate::mesh::Mesh;
 use crate::mesh::powers::squared;
 use crate::mesh::stop::{STEP, Stop, go_on, mapped};
 use crate::mesh::surface::Surface;
+use crate::watermark::bins::{BinLayout, Frame, norms};
+use crate::watermark::embedding::modulate::State;
+use crate::watermark::embedding::pass::{Host, Passes};
+use crate::watermark::{BitCount, Codeword, EmbedParams, SoftBits, WatermarkError};
 
 /// A carrier of the host, and where the suspect has it, in the host's coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
