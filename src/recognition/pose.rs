@@ -284,7 +284,7 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::mesh::surface::Surface;
     use crate::registration::Budget;
-    use crate::registration::symmetry::tests::crown;
+    use crate::registration::by_surface::symmetry::tests::crown;
     use crate::sample::Sample;
     use glam::{DQuat, DVec3};
 

@@ -2,15 +2,15 @@
 
 use std::sync::OnceLock;
 
-use super::icp::IcpTarget;
-use super::partial::{HostPlaces, SuspectPlaces};
-use super::samples::{Point, scatter_until};
 use super::shape::Shape;
 use super::similarity::Similarity;
-use super::surfels::Discs;
-use super::symmetry::symmetries;
-use super::vertices::{Findable, Landmarks};
 use crate::mesh::stop::{Stop, go_on, once, unstopped};
+use crate::registration::by_surface::icp::IcpTarget;
+use crate::registration::by_surface::partial::{HostPlaces, SuspectPlaces};
+use crate::registration::by_surface::samples::{Point, scatter_until};
+use crate::registration::by_surface::surfels::Discs;
+use crate::registration::by_surface::symmetry::symmetries;
+use crate::registration::by_vertices::vertices::{Findable, Landmarks};
 
 /// Points that a surface is aligned by before it is known to fit.
 const ALIGNED: usize = 3000;

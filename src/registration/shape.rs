@@ -2,11 +2,13 @@
 
 use glam::{DQuat, DVec3};
 
-use super::one_rings::Rings;
-use super::signatures::{Sense, Signature, connectivity_until, metric_until};
 use super::similarity::Similarity;
 use crate::mesh::stop::{STEP, Stop, changed, go_on, never, sorted};
 use crate::mesh::surface::{Surface, doubled_area};
+use crate::registration::by_vertices::one_rings::Rings;
+use crate::registration::by_vertices::signatures::{
+    Sense, Signature, connectivity_until, metric_until,
+};
 
 /// Rings that a vertex's connectivity code looks at. One more costs a fragment more of its vertices
 /// (those near its border have no code), one less leaves too few codes that occur once.

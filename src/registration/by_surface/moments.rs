@@ -3,8 +3,8 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use super::samples::Point;
-use super::similarity::Similarity;
 use crate::mesh::linear::eigen;
+use crate::registration::similarity::Similarity;
 
 /// Centre, size and main axes of points.
 struct Moments {
@@ -106,7 +106,7 @@ fn turns() -> Vec<DMat3> {
 mod tests {
     use super::*;
     use crate::mesh::surface::Surface;
-    use crate::registration::samples::scatter;
+    use crate::registration::by_surface::samples::scatter;
     use crate::registration::shape::Shape;
     use crate::registration::similarity::tests::awkward;
     use crate::sample::Sample;

@@ -3,11 +3,11 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::budget::Within;
 use super::icp::IcpTarget;
-use super::one_rings::NONE;
-use super::shape::Shape;
-use super::similarity::Similarity;
+use crate::registration::budget::Within;
+use crate::registration::by_vertices::one_rings::NONE;
+use crate::registration::shape::Shape;
+use crate::registration::similarity::Similarity;
 
 /// Vertices farther apart than this share of the shortest edge between the host's vertex and the
 /// corners beside it may be anyone's.

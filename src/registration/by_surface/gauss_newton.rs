@@ -3,8 +3,8 @@
 
 use glam::{DQuat, DVec3};
 
-use super::similarity::Similarity;
 use crate::mesh::linear::solve;
+use crate::registration::similarity::Similarity;
 
 /// Normal equations of a small similarity of the host: rotation, logarithm of the scale, shift.
 ///

@@ -6,9 +6,11 @@
 //! same share s of these vertices, and finds the record by them. Wholes: the [`ShapeDescriptor`].
 
 use super::descriptor::{BYTES, ShapeDescriptor};
-use super::shape::Shape;
-use super::signatures::{Sense, Signature, connectivity_until, metric_until, mix};
 use crate::mesh::stop::{Stop, go_on, sorted, unstopped};
+use crate::registration::by_vertices::signatures::{
+    Sense, Signature, connectivity_until, metric_until, mix,
+};
+use crate::registration::shape::Shape;
 
 /// Rings that a hash looks at: 37 vertices. Two rings tell the vertices of one mesh apart, among
 /// a hundred thousand meshes they are too common.

@@ -1,10 +1,10 @@
 //! The alignment by vertices that suspect and host share, and whether it leaves nothing to search for.
 
-use super::budget::Within;
-use super::prepared::{Alignment, Basis, PreparedHost, PreparedSuspect};
-use super::surface::share_near;
 use super::vertices::{Twins, twins};
 use crate::mesh::stop::Stop;
+use crate::registration::budget::Within;
+use crate::registration::by_surface::surface::share_near;
+use crate::registration::prepared::{Alignment, Basis, PreparedHost, PreparedSuspect};
 
 /// Correspondences that make up this share of the suspect leave nothing to search for, where they put this share
 /// of its surface on the host. (Regular parts of a surface that was made anew have the same surroundings
@@ -262,7 +262,7 @@ mod tests {
         for (positions, triangles) in meshes {
             let surface = Surface::new(&Mesh::new(positions, triangles).unwrap());
             let Some(shape) = Shape::new(surface) else { continue };
-            let _ = super::super::sketch::Sketch::new(&shape);
+            let _ = crate::registration::retrieval::sketch::Sketch::new(&shape);
             let suspect = PreparedSuspect::new(shape.clone());
             let _ = register(&sound, &suspect, Effort::Thorough, free(&budget()));
             let host = PreparedHost::new(shape);

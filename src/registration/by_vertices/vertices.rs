@@ -11,10 +11,10 @@ use std::sync::OnceLock;
 use super::consensus::{Consensus, consensus, refine};
 use super::one_rings::NONE;
 use super::refinement::{Contact, polish};
-use super::shape::{Kind, Landmark, Shape};
 use super::signatures::{Sense, Signature};
-use super::similarity::{Pair, Similarity};
 use crate::mesh::stop::{STEP, Stop, go_on, mapped, once};
+use crate::registration::shape::{Kind, Landmark, Shape};
+use crate::registration::similarity::{Pair, Similarity};
 
 /// A pair joins the others if it is nearer than this many of their medians.
 const NEAR: f64 = 8.0;
@@ -281,7 +281,7 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::mesh::stop::never;
     use crate::mesh::surface::Surface;
-    use crate::registration::signatures::mix;
+    use crate::registration::by_vertices::signatures::mix;
     use crate::registration::similarity::tests::awkward;
     use crate::sample::Sample;
     use glam::DVec3;

@@ -3,14 +3,14 @@
 
 use std::borrow::Cow;
 
-use super::budget::Within;
 use super::icp::{Fit, Ground, IcpTarget};
 use super::moments::by_moments;
 use super::nearest::mutual;
 use super::partial::{self, by_parts};
-use super::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
 use super::samples::{Point, scatter_until};
-use super::similarity::Similarity;
+use crate::registration::budget::Within;
+use crate::registration::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
+use crate::registration::similarity::Similarity;
 
 /// Points of the suspect that judge hypotheses, and those that the final alignment goes by.
 const JUDGES: usize = 300;
@@ -83,7 +83,7 @@ pub fn in_place(
 }
 
 /// Which share of the suspect's surface is where the host's is, roughly; `None` when stopped.
-pub(super) fn share_near(
+pub(in crate::registration) fn share_near(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
     similarity: &Similarity,

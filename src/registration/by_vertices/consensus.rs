@@ -2,9 +2,9 @@
 //! 1981) over triples, then reweighted least squares over all.
 
 use super::signatures::mix;
-use super::similarity::{Pair, Similarity, fit};
 use crate::mesh::powers::{cubed, squared};
 use crate::mesh::stop::{Stop, go_on};
+use crate::registration::similarity::{Pair, Similarity, fit};
 
 /// Triples tried at most. With one right pair in six, 2,000 triples hold one of three right pairs
 /// with a probability of 0.9999.

@@ -7,8 +7,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::budget::Stop;
 use super::samples::Point;
+use crate::registration::budget::Stop;
 
 /// Bins of the distance from the normal's line, and of the height along it.
 const ACROSS: usize = 5;
@@ -113,7 +113,7 @@ fn bin(share: f64, count: usize) -> usize {
 mod tests {
     use super::*;
     use crate::mesh::surface::Surface;
-    use crate::registration::samples::scatter;
+    use crate::registration::by_surface::samples::scatter;
     use crate::registration::shape::Shape;
     use crate::registration::similarity::tests::awkward;
     use crate::sample::Sample;

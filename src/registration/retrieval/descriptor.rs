@@ -8,9 +8,9 @@
 
 use glam::DVec3;
 
-use super::samples::scatter_until;
-use super::shape::Shape;
 use crate::mesh::stop::{Stop, unstopped};
+use crate::registration::by_surface::samples::scatter_until;
+use crate::registration::shape::Shape;
 
 /// Degrees of the harmonics.
 const DEGREES: usize = 8;

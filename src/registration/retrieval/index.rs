@@ -216,8 +216,8 @@ fn slot(posting: u64) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registration::descriptor::BYTES;
-    use crate::registration::signatures::mix;
+    use crate::registration::by_vertices::signatures::mix;
+    use crate::registration::retrieval::descriptor::BYTES;
 
     fn sketch(record: u64) -> Sketch {
         let hashes = (0..100).map(|k| mix(1000 * record + k, 9) >> 8).collect();

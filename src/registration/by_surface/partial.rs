@@ -8,11 +8,11 @@
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::budget::Stop;
 use super::samples::Point;
-use super::similarity::Similarity;
 use super::spin::{Spin, spins};
 use crate::mesh::powers::squared;
+use crate::registration::budget::Stop;
+use crate::registration::similarity::Similarity;
 
 /// Places of the host and of the suspect that are compared.
 const HOST_KEYS: usize = 1000;
@@ -174,7 +174,7 @@ fn two(a: &Alike, b: &Alike, scale: f64) -> Option<Similarity> {
 mod tests {
     use super::*;
     use crate::mesh::surface::Surface;
-    use crate::registration::samples::scatter;
+    use crate::registration::by_surface::samples::scatter;
     use crate::registration::shape::Shape;
     use crate::sample::Sample;
 

@@ -8,11 +8,11 @@
 
 use glam::DVec3;
 
-use super::gauss_newton::Equations;
-use super::similarity::Similarity;
 use crate::mesh::powers::squared;
 use crate::mesh::stop::Stop;
 use crate::mesh::sum::ordered_sum;
+use crate::registration::by_surface::gauss_newton::Equations;
+use crate::registration::similarity::Similarity;
 
 /// A pair of vertices, in the host's coordinates but for `from`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,7 +101,7 @@ pub fn polish(contacts: &[Contact], start: Similarity, stop: Stop<'_>) -> Simila
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registration::signatures::mix;
+    use crate::registration::by_vertices::signatures::mix;
     use glam::DQuat;
 
     /// Points of a bowl that slid along it.

@@ -9,15 +9,15 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::budget::Within;
 use super::gauss_newton::Equations;
 use super::samples::Point;
-use super::shape::Shape;
-use super::similarity::Similarity;
 use crate::mesh::powers::squared;
 use crate::mesh::stop::{Stop, mapped};
 use crate::mesh::surface::doubled_area;
 use crate::mesh::tree::SearchTree;
+use crate::registration::budget::Within;
+use crate::registration::shape::Shape;
+use crate::registration::similarity::Similarity;
 
 /// Points whose normals differ by more than 60 degrees do not lie on the same surface.
 const SAME_SIDE: f64 = 0.5;
@@ -198,7 +198,7 @@ mod tests {
     use super::*;
     use crate::mesh::surface::Surface;
     use crate::registration::budget::{Budget, Within};
-    use crate::registration::samples::scatter;
+    use crate::registration::by_surface::samples::scatter;
     use crate::sample::Sample;
     use glam::DQuat;
 

@@ -3,14 +3,14 @@
 //! A gear with six holes lies on itself in twelve ways, and nothing in the shape of a suspect says which
 //! of them is its own. Whoever looks at a suspect has to consider all.
 
-use super::budget::{Budget, Within};
 use super::icp::{Fit, Ground};
 use super::moments::by_moments;
-use super::prepared::PreparedHost;
 use super::samples::Point;
-use super::similarity::Similarity;
 use super::surface::{FINE, ROUGH};
 use crate::mesh::stop::Stop;
+use crate::registration::budget::{Budget, Within};
+use crate::registration::prepared::PreparedHost;
+use crate::registration::similarity::Similarity;
 
 /// Turns beside the identity, at the most: all of a cube.
 const MOST: usize = 23;
@@ -40,7 +40,10 @@ const MOST_TESTS: u64 = 24_000_000;
 
 /// The proper turns other than the identity under which a surface lies on itself, in its own unit
 /// coordinates; `None` once `stop` answers `true`.
-pub(super) fn symmetries(host: &PreparedHost, stop: Stop<'_>) -> Option<Vec<Similarity>> {
+pub(in crate::registration) fn symmetries(
+    host: &PreparedHost,
+    stop: Stop<'_>,
+) -> Option<Vec<Similarity>> {
     let (points, discs) = (&host.points, host.discs(stop)?);
     let budget = Budget::new(MOST_TESTS);
     let within = Within { budget: &budget, stop };
@@ -85,10 +88,10 @@ pub(super) fn symmetries(host: &PreparedHost, stop: Stop<'_>) -> Option<Vec<Simi
 pub(crate) mod tests {
     use glam::{DQuat, DVec3};
 
-    use super::super::shape::Shape;
     use super::*;
     use crate::mesh::Mesh;
     use crate::mesh::surface::Surface;
+    use crate::registration::shape::Shape;
     use crate::sample::Sample;
 
     fn count(mesh: &Mesh) -> usize {

@@ -8,12 +8,12 @@
 use glam::DVec3;
 
 use super::icp::{Ground, Touch, same_side};
-use super::one_rings::NONE;
 use super::samples::{Point, scatter_until};
-use super::shape::Shape;
-use super::similarity::Similarity;
 use crate::mesh::stop::{STEP, Stop, go_on};
 use crate::mesh::surface::doubled_area;
+use crate::registration::by_vertices::one_rings::NONE;
+use crate::registration::shape::Shape;
+use crate::registration::similarity::Similarity;
 
 /// Surfels of a host.
 const DISCS: usize = 15_000;
@@ -169,8 +169,8 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::mesh::stop::never;
     use crate::mesh::surface::Surface;
-    use crate::registration::icp::IcpTarget;
-    use crate::registration::samples::scatter;
+    use crate::registration::by_surface::icp::IcpTarget;
+    use crate::registration::by_surface::samples::scatter;
     use crate::sample::Sample;
 
     fn shape(mesh: &Mesh) -> Shape {

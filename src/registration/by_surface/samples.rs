@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-use super::shape::Shape;
 use crate::mesh::stop::{STEP, Stop, go_on, unstopped};
 use crate::mesh::surface::doubled_area;
+use crate::registration::shape::Shape;
 
 /// Steps of the plane's low-discrepancy sequence (R2; the plastic number).
 const PLASTIC: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
