@@ -1,4 +1,4 @@
-//! Which triangles stand around a vertex, in one flat array.
+//! Which triangles meet at a vertex, in one flat array.
 
 use super::stop::{STEP, Stop, go_on, unstopped};
 
@@ -10,15 +10,16 @@ pub struct Adjacency {
 }
 
 impl Adjacency {
-    /// Counts, then fills: two passes, two allocations.
+    /// Counts, then fills, in two passes and two allocations.
     ///
-    /// `triangles` index below `vertices`; three times their number fits in a `u32`.
+    /// Indices in `triangles` must be below `vertices`. Three times the number of triangles must fit in
+    /// a `u32`.
     #[must_use]
     pub fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
         unstopped(|stop| Self::new_until(vertices, triangles, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// As [`Self::new`]; `None` once `stop` answers `true`.
     #[must_use]
     pub fn new_until(vertices: usize, triangles: &[[u32; 3]], stop: Stop<'_>) -> Option<Self> {
         let mut starts = vec![0_u32; vertices + 1];

@@ -10,15 +10,15 @@ use super::surface::Surface;
 /// A point of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Footpoint {
-    /// Where it is.
+    /// Its position.
     pub place: DVec3,
     /// The triangle that it lies on.
     pub triangle: u32,
-    /// Its barycentric coordinates there.
+    /// Its barycentric coordinates in that triangle.
     pub weights: [f64; 3],
 }
 
-/// A surface prepared for queries (a tree of bounding boxes).
+/// A surface prepared for queries by a tree of bounding boxes.
 pub struct Closest(TriMesh);
 
 fn vector(p: DVec3) -> Vector {
@@ -40,26 +40,26 @@ impl Closest {
         DVec3::new(found.x, found.y, found.z)
     }
 
-    /// The same, and where on which triangle it lies.
+    /// The closest point of the surface, and where on which triangle it lies.
     #[must_use]
     pub fn footpoint(&self, p: DVec3) -> Footpoint {
         let (found, (triangle, location)) =
             self.0.project_local_point_and_get_location(vector(p), false);
-        // A point has no place inside a triangle only if it is inside a solid, which this is not.
+        // Barycentric coordinates are absent only inside a solid, which a surface is not.
         let weights = location.barycentric_coordinates().unwrap_or([1.0, 0.0, 0.0]);
         let place = DVec3::new(found.point.x, found.point.y, found.point.z);
         Footpoint { place, triangle, weights }
     }
 
-    /// Its distance.
+    /// The distance of `p` to the surface.
     #[must_use]
     pub fn distance(&self, p: DVec3) -> f64 {
         self.point(p).distance(p)
     }
 }
 
-/// The point of a triangle that is closest to `p`, and which of its corners span what it lies on: a
-/// corner, a side, or all of it.
+/// The point of a triangle that is closest to `p`, and the corners that span the feature it lies on: a
+/// corner, a side, or the whole triangle.
 #[must_use]
 pub fn nearest_in_triangle(p: DVec3, corners: [DVec3; 3]) -> (DVec3, [bool; 3]) {
     let [a, b, c] = corners.map(vector);

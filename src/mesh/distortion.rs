@@ -1,11 +1,12 @@
-//! How far two surfaces are apart, as Metro measures it (Cignoni et al. 1998, the paper's reference 20).
+//! Distances between two surfaces, as Metro measures them (Cignoni et al. 1998, the paper's reference
+//! 20).
 //!
-//! Samples are the vertices of one surface, points on its edges and points in its triangles, all
-//! with equal weight; their distances are to the closest point of the other surface. Root mean
-//! square and maximum are taken in both directions and the larger is reported. With vertices
-//! alone (`per_kind` 0, the default of `MeshLab`'s filter) the root mean square of a watermark
-//! comes out up to 1.5 times larger, since it is the vertices that were moved; the paper's
-//! figures are only reproduced with edges and triangles sampled too.
+//! Samples are the vertices of one surface, points on its edges and points in its triangles, all with
+//! equal weight. Their distances are to the closest point of the other surface. Root mean square and
+//! maximum are taken in both directions, and the larger of each is reported. With vertices alone
+//! (`per_kind` 0, the default of `MeshLab`'s filter) the root mean square of a watermark comes out up
+//! to 1.5 times larger, because only vertices were moved. The paper's figures are reproduced only with
+//! samples on edges and in triangles.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -21,7 +22,7 @@ pub struct Distortion {
     pub mrms: f64,
     /// Maximum of the two one-sided maxima.
     pub hausdorff: f64,
-    /// Bounding-box diagonal of the first surface, to make the others relative.
+    /// Bounding-box diagonal of the first surface, the unit of relative distances.
     pub diagonal: f64,
 }
 
@@ -29,7 +30,7 @@ pub struct Distortion {
 /// than 2 %.
 pub const SAMPLES_PER_KIND: usize = 500_000;
 
-/// A surface prepared to be measured against others: its samples, and itself for queries.
+/// A surface prepared for measurements against others: its samples and its search tree.
 pub struct Measured {
     samples: Vec<DVec3>,
     closest: Closest,
@@ -37,7 +38,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// With all vertices and `per_kind` samples on edges and in triangles each. `None` when the
+    /// Takes all vertices and `per_kind` samples each on edges and in triangles. `None` when the
     /// surface has no triangle.
     #[must_use]
     pub fn new(surface: &Surface, per_kind: usize) -> Option<Self> {
@@ -47,13 +48,13 @@ impl Measured {
         (!samples.is_empty()).then_some(Self { samples, closest, diagonal })
     }
 
-    /// The surface's closest points.
+    /// The search for closest points of this surface.
     #[must_use]
     pub fn closest(&self) -> &Closest {
         &self.closest
     }
 
-    /// Measures this against `other` and `other` against this.
+    /// Measures this surface against `other` and `other` against this surface.
     #[must_use]
     pub fn against(&self, other: &Self) -> Distortion {
         let (there_rms, there_max) = one_sided(&self.samples, &other.closest);
@@ -66,8 +67,8 @@ impl Measured {
     }
 }
 
-/// Measures `a` against `b` and `b` against `a` with all vertices and `per_kind` samples on edges
-/// and in triangles each.
+/// Measures `a` against `b` and `b` against `a`, with all vertices and `per_kind` samples each on edges
+/// and in triangles.
 ///
 /// Returns `None` when one of the surfaces has no triangle.
 #[must_use]
@@ -75,7 +76,8 @@ pub fn distortion(a: &Surface, b: &Surface, per_kind: usize) -> Option<Distortio
     Some(Measured::new(a, per_kind)?.against(&Measured::new(b, per_kind)?))
 }
 
-/// Root mean square and maximum of the samples' distances to the surface. There is at least one.
+/// Root mean square and maximum of the samples' distances to the surface. There must be at least one
+/// sample.
 pub(super) fn one_sided(samples: &[DVec3], target: &Closest) -> (f64, f64) {
     let distance = |&p: &DVec3| target.distance(p);
     let distances: Vec<f64> = samples.par_iter().with_min_len(1024).map(distance).collect();
@@ -108,7 +110,7 @@ mod tests {
     #[test]
     fn parallel_plates_are_their_gap_apart() {
         let d = distortion(&plate(0.0, 7), &plate(0.25, 5), 100).unwrap();
-        // The larger plate's rim is (7 - 5) away from the smaller one, plus the gap.
+        // The rim of the larger plate is (7 - 5) away from the smaller plate, plus the gap.
         assert!((d.hausdorff - (2.0_f64 * 2.0 + 2.0 * 2.0 + 0.0625).sqrt()).abs() < 1e-12);
         let same = distortion(&plate(0.0, 5), &plate(0.25, 5), 100).unwrap();
         assert!((same.mrms - 0.25).abs() < 1e-12 && (same.hausdorff - 0.25).abs() < 1e-12);

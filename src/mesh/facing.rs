@@ -1,17 +1,19 @@
 //! Which way the triangles of a closed surface face.
 //!
-//! Files turn all of them over (an exporter's other handedness, an owner's habit), and whoever makes a
-//! surface anew has them face outward. Must not know what the surface is compared with.
+//! Files may have all triangles turned over, because of an exporter's other handedness or an owner's
+//! habit. Software that reconstructs a surface makes triangles face outward. Must not know what the
+//! surface is compared with.
 
 use super::mixing::mixed;
 use super::surface::{Surface, doubled_area};
 
-/// The volume is at least this share of the ball's with the same area: that of a folded sheet has no sign.
+/// Least enclosed volume, as a share of the volume of the ball with the same area. The sign of a
+/// smaller volume, as of a folded sheet, is not reliable.
 const LEAST_VOLUME: f64 = 3e-3;
 
-/// Whether the triangles face inward; `None` where the surface is open, or holds too little. (The volume
-/// under a part has a sign, too, but not always that of the whole: two copies of one surface, one of them
-/// cut, have to agree.)
+/// Whether the triangles face inward; `None` where the surface is open or encloses too little volume.
+/// The volume under a part of a surface has a sign too, but not always that of the whole. Two copies of
+/// one surface, one of them cut, must not disagree.
 #[must_use]
 pub fn faces_inward(surface: &Surface) -> Option<bool> {
     let origin = *surface.positions.first()?;
@@ -27,8 +29,9 @@ pub fn faces_inward(surface: &Surface) -> Option<bool> {
     (volume.abs() >= LEAST_VOLUME * ball && is_closed(&surface.triangles)).then_some(volume < 0.0)
 }
 
-/// Whether every side of a triangle is passed the other way by another: marks of sides, which turn their sign
-/// with the way, sum up to nothing. (Of an open surface by a chance of one in 2^64.)
+/// Whether every side of a triangle is passed in the other direction by another triangle. Each side has
+/// a hash, whose sign depends on the direction, and the hashes of a closed surface sum up to zero.
+/// Those of an open surface do so with probability 2^-64.
 fn is_closed(triangles: &[[u32; 3]]) -> bool {
     let sides = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
     let mark = |[a, b]: [u32; 2]| {

@@ -1,6 +1,6 @@
 //! Small dense linear algebra: symmetric eigenvectors and positive definite systems.
 
-/// Sweeps after which Jacobi's method is stopped; it converges quadratically, in 5 or 6.
+/// Largest number of sweeps of Jacobi's method, which converges quadratically, in 5 or 6.
 const SWEEPS: usize = 24;
 
 /// Eigenvalues and eigenvectors of a symmetric matrix by cyclic Jacobi rotations (Golub and Van
@@ -47,8 +47,8 @@ fn rotate<const N: usize>(a: &mut [[f64; N]; N], v: &mut [[f64; N]; N], p: usize
     }
 }
 
-/// Solves `a x = b` for a symmetric positive definite `a` by Cholesky's method; `None` where it is
-/// not one to working precision.
+/// Solves `a x = b` for a symmetric positive definite `a` by Cholesky's method; `None` where `a` is not
+/// positive definite to working precision.
 #[must_use]
 pub fn solve<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N]) -> Option<[f64; N]> {
     for i in 0..N {

@@ -1,4 +1,4 @@
-//! Numbers that look random, for hashes that need no secret.
+//! Pseudorandom numbers for hashes that need no secret.
 
 /// The finaliser of `SplitMix64` (Steele, Lea and Flood 2014): a bijection.
 #[must_use]

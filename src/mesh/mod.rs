@@ -1,8 +1,7 @@
 //! Positions and triangles, and the geometry that everything above is built from.
 //!
-//! Pure: slices in, values out. This module must not know about files, keys, watermarks,
-//! clocks or threads other than rayon's data parallelism, whose results here never depend on
-//! the number of threads.
+//! Pure: slices in, values out. This module must not know about files, keys, watermarks or clocks. The
+//! only threads are rayon's data parallelism, and no result depends on their number.
 
 pub mod adjacency;
 pub mod closest;
@@ -37,9 +36,9 @@ pub enum MeshError {
     IndexOutOfRange {
         /// Index of the first such triangle.
         triangle: usize,
-        /// The vertex it names.
+        /// The vertex that it names.
         index: u32,
-        /// How many vertices there are.
+        /// Number of vertices.
         vertices: usize,
     },
     /// There are no triangles, so there is no surface.
@@ -52,8 +51,8 @@ pub enum MeshError {
 
 /// A triangle mesh: finite positions, at least one triangle, every index in range.
 ///
-/// Vertices are the file's own (duplicates at UV or normal seams are kept apart here and welded
-/// by the watermark core), in the file's order.
+/// Vertices are those of the file, in the file's order. Duplicates at UV or normal seams stay separate
+/// here; [`surface::Surface`] welds them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mesh {
     positions: Vec<DVec3>,

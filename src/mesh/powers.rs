@@ -1,7 +1,7 @@
-//! Small powers as products. Sums, products, quotients and square roots are the same on every
-//! platform, as IEEE 754 wants them; `powi`, and what the standard library takes from the platform
-//! (`sin`, `exp`, `ln` and so on), need not be. Everything else goes through `libm`, which
-//! `tests/architecture.rs` holds.
+//! Small powers as products. IEEE 754 makes sums, products, quotients and square roots the same on
+//! every platform. `powi`, and functions that the standard library takes from the platform (`sin`,
+//! `exp`, `ln` and so on), may differ. All other functions come from `libm`; `tests/architecture.rs`
+//! checks this.
 
 /// `x * x`.
 #[must_use]

@@ -7,9 +7,8 @@ use super::surface::doubled_area;
 /// The sum of squared distances to the planes of the triangles at one vertex.
 ///
 /// All these planes pass through the vertex `v`, so `Q_v(x) = (x - v)^T A (x - v)` with
-/// `A = sum_j n_j n_j^T`: eq. 2 with `b = -A v`, `c = v^T A v`, and without the cancellation
-/// that evaluating it with `b` and `c` suffers far from the origin. `A` is kept as its six
-/// distinct entries.
+/// `A = sum_j n_j n_j^T`. This is eq. 2 with `b = -A v`, `c = v^T A v`, without the cancellation that
+/// `b` and `c` cause far from the origin. `A` is kept as its six distinct entries.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Quadric {
     xx: f64,
@@ -21,8 +20,8 @@ pub struct Quadric {
 }
 
 impl Quadric {
-    /// The quadric of the triangles whose corner triples are given (areas non-zero, all sharing
-    /// the vertex). Each plane counts once, whatever its triangle's area (eq. 2).
+    /// The quadric of triangles given by their corners, all with an area and all sharing the vertex.
+    /// Each plane counts once, whatever its triangle's area (eq. 2).
     #[must_use]
     pub fn of_triangles(triangles: impl Iterator<Item = [DVec3; 3]>) -> Self {
         triangles.fold(Self::default(), |mut q, [a, b, c]| {

@@ -1,15 +1,16 @@
-//! What a mark does to a surface: distances and turned normals between a surface and its moved
-//! twin, which has the same triangles over other positions.
+//! What a mark does to a surface: distances and turned normals between a surface and its moved twin,
+//! which has the same triangles at other positions.
 //!
-//! Measures what [`distortion`](super::distortion) measures, from samples spread and weighted the
-//! same way, but knows that vertex j of one is vertex j of the other and so needs no search tree:
-//! a sample is compared with the twin's triangles around the corner it is nearest to and, as long
-//! as what is nearest lies on the border of these, with those around the border's corner there.
-//! What comes out is an upper bound of the distance: it is the nearest place of the twin that is
-//! reached downhill from the sample's own. It is the distance itself where the surface is not
-//! folded more tightly than it was moved; where it comes out large, a wider search looks again. On
-//! dense meshes whose vertices slid over many triangles (a dragon of 435,000 vertices, `qsp`) the
-//! maximum may still come out at twice its value; the mean square stays within a few per cent.
+//! Measures what [`distortion`](super::distortion) measures, from samples spread and weighted in the
+//! same way. Vertex j of the surface is vertex j of the twin, so no search tree is needed. A sample is
+//! compared with the twin's triangles around its nearest corner. While the nearest point lies on the
+//! border of these triangles, the search continues around the corner of the border there.
+//!
+//! The result is an upper bound of the distance: the nearest point of the twin that is reached downhill
+//! from the sample's own. It is the distance itself where the surface is not folded more tightly than
+//! it was moved. A large result is searched for more widely. On dense meshes whose vertices slid over
+//! many triangles (a dragon of 435,000 vertices, `qsp`) the maximum may still come out at twice its
+//! value; the mean square stays within a few per cent.
 //!
 //! Must not know what moved the surface.
 
@@ -23,39 +24,40 @@ use super::surface::{Surface, doubled_area};
 use super::turning::turning_until;
 use crate::mesh::powers::squared;
 
-/// Samples on edges and in triangles, each. They stand for [`SAMPLES_PER_KIND`], at whose number
-/// they are weighted.
+/// Samples on edges and in triangles, each. They are weighted as if they were [`SAMPLES_PER_KIND`].
 const SAMPLES: usize = 60_000;
 
-/// Vertices whose mean square stands for that of all; for the maximum, all are considered.
+/// Largest number of vertices from which the mean square of all is estimated. The maximum considers all
+/// vertices.
 const VERTICES: usize = 100_000;
 
-/// Vertices or triangles per task. A constant, since the sums are added block by block.
+/// Vertices or triangles per task: a constant, because sums are added block by block.
 const BLOCK: usize = 4096;
 
-/// Corners that are looked around for one sample. Marks need one or two; a wild move must not
-/// walk over the whole mesh.
+/// Largest number of corners around which one sample searches. Marks need one or two; the limit keeps a
+/// search after a large move from walking over the whole mesh.
 const MOST_STEPS: usize = 16;
 
-/// Samples farther away than this share of the diagonal, from where the surface was moved by
-/// more, are searched for more widely. These few decide the mean square and the maximum: without
-/// it, a coarse gear with vertices that slid over several triangles came out at 1.36 times its MRMS.
+/// Share of the diagonal. A sample farther away than this, where vertices moved farther than the
+/// distance found, is searched for more widely. These few samples decide the mean square and the
+/// maximum. Without the wider search, a coarse gear with vertices that slid over several triangles came
+/// out at 1.36 times its MRMS.
 const FAR: f64 = 2e-4;
 
-/// Vertices that such a search looks around.
+/// Largest number of vertices around which the wider search looks.
 const MOST_SEARCHED: usize = 64;
 
-/// How far a surface and its moved twin are apart. Lengths are shares of the bounding box's
-/// diagonal.
+/// Distances and turns between a surface and its moved twin. Lengths are shares of the diagonal of the
+/// bounding box.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Quality {
     /// Larger of the two root mean square distances, as Metro measures it.
     pub mrms: f64,
     /// Largest distance of a sample.
     pub hausdorff: f64,
-    /// Longest way that a vertex went, along the surface or off it.
+    /// Longest move of a vertex, along the surface or off it.
     pub max_displacement: f64,
-    /// Mean angle that the triangles' normals turned by, weighted by area.
+    /// Mean angle by which the triangles' normals turned, weighted by area.
     pub normal_deviation_degrees: f64,
     /// Triangles that turned by more than 90 degrees.
     pub flipped: usize,
@@ -63,14 +65,14 @@ pub struct Quality {
 
 /// Measures a surface against itself with the carriers at `moved`.
 ///
-/// Returns `None` when there is nothing to measure: no triangle, or coordinates so large that
-/// their squares are no numbers.
+/// Returns `None` when there is nothing to measure: no triangle, another number of positions than
+/// carriers, or coordinates so large that their squares are not finite.
 #[must_use]
 pub fn quality(surface: &Surface, moved: &[DVec3]) -> Option<Quality> {
     quality_until(surface, moved, &|| false)
 }
 
-/// The same, asking `stop` before each few thousand samples; `None` once it answers `true`.
+/// As [`quality`], calling `stop` before each few thousand samples; `None` once it answers `true`.
 #[must_use]
 pub fn quality_until(
     surface: &Surface,
@@ -80,7 +82,7 @@ pub fn quality_until(
     measured(surface, moved, SAMPLES, SAMPLES_PER_KIND, stop)
 }
 
-/// [`quality`] with `samples` per kind that are weighted as if they were `weight`.
+/// As [`quality`], with `samples` per kind, weighted as if they were `weight`.
 fn measured(
     surface: &Surface,
     moved: &[DVec3],
@@ -89,7 +91,7 @@ fn measured(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Option<Quality> {
     let host = surface.positions.as_slice();
-    // Their corners must be countable in 32 bits.
+    // The number of corners must fit in 32 bits.
     u32::try_from(surface.triangles.len().checked_mul(3)?).ok()?;
     if host.len() != moved.len() || surface.triangles.is_empty() {
         return None;
@@ -158,7 +160,7 @@ struct Side<'a> {
     around: &'a Adjacency,
     from: &'a [DVec3],
     to: &'a [DVec3],
-    /// Squared distance beyond which a sample is searched for, see [`FAR`].
+    /// Squared distance beyond which a sample is searched for more widely, see [`FAR`].
     far: f64,
     stop: &'a (dyn Fn() -> bool + Sync),
 }
@@ -195,7 +197,8 @@ impl Side<'_> {
         if stride == 1 {
             return sums;
         }
-        // No vertex is farther away than it was moved: few of the others can be the farthest.
+        // No vertex is farther away than it was moved, so few of the other vertices can be the
+        // farthest.
         let farthest = |&start: &u32| {
             if (self.stop)() {
                 return 0.0;
@@ -208,9 +211,9 @@ impl Side<'_> {
         Sums { largest, count: f64::from(count), squares: sums.mean() * f64::from(count) }
     }
 
-    /// Samples on the triangles' sides at equal steps of length, and in the triangles at equal
-    /// steps of area. (A side that two triangles share is passed twice: all edges of a closed
-    /// surface count alike, those at a border half.)
+    /// Samples on the triangles' sides at equal steps of length, and in the triangles at equal steps of
+    /// area. A side that two triangles share is passed twice. All edges of a closed surface therefore
+    /// count alike, and edges at a border count half.
     fn between(&self, samples: usize) -> (Sums, Sums) {
         let size = |t: &[u32; 3]| {
             let [a, b, c] = t.map(|i| self.from[i as usize]);
@@ -300,7 +303,7 @@ impl Side<'_> {
         sums
     }
 
-    /// Squared distance of a sample between `corners`, the twin of `start` being near it.
+    /// Squared distance of a sample between `corners`; the search begins at the twin of `start`.
     fn distance(&self, corners: [u32; 3], sample: DVec3, start: u32) -> f64 {
         if corners.iter().all(|&i| self.from[i as usize] == self.to[i as usize]) {
             return 0.0;
@@ -317,8 +320,8 @@ impl Side<'_> {
                 }
             }
             let Some((corners, feature)) = nearest else { break };
-            // All triangles at the nearest feature stand around each of its corners: once one of
-            // these was looked around, there is nothing nearer nearby.
+            // All triangles at the nearest feature meet at each of its corners. Once the triangles
+            // around one of these corners were compared, nothing nearby is nearer.
             let on = |corner: &u32| corners.iter().zip(feature).any(|(c, f)| f && c == corner);
             if on(&at) {
                 break;
@@ -326,7 +329,7 @@ impl Side<'_> {
             let Some(next) = corners.iter().copied().find(|corner| on(corner)) else { break };
             at = next;
         }
-        // What was moved across the surface rather than off it may have come to lie elsewhere.
+        // A vertex that moved along the surface may have come to lie near another part of the twin.
         let shift = corners.map(|corner| self.shift(corner)).into_iter().fold(0.0, f64::max);
         if best > self.far && shift > 2.0 * best {
             best.min(self.searched(sample, start))
@@ -340,9 +343,9 @@ impl Side<'_> {
         self.from[vertex as usize].distance_squared(self.to[vertex as usize])
     }
 
-    /// Squared distance of a sample to the part of the twin that hangs together with `start`
-    /// inside the ball through it around the sample; of that, what is around the first
-    /// [`MOST_SEARCHED`] vertices.
+    /// Squared distance of a sample to part of the twin: the triangles around the first
+    /// [`MOST_SEARCHED`] vertices that connect with `start` inside the ball about the sample through
+    /// the twin of `start`.
     fn searched(&self, sample: DVec3, start: u32) -> f64 {
         let reach = self.to[start as usize].distance_squared(sample);
         let mut seen = [start; MOST_SEARCHED];
@@ -365,16 +368,16 @@ impl Side<'_> {
     }
 }
 
-/// Squared distance of a point to a triangle, by the region of its plane that the point projects
-/// to (Ericson, Real-Time Collision Detection, 5.1.5), and whose corners span what is nearest: a
-/// corner, a side or all of it.
+/// Squared distance of a point to a triangle, by the region of the triangle's plane that the point
+/// projects to (Ericson, Real-Time Collision Detection, 5.1.5), and the corners that span the nearest
+/// feature: a corner, a side or the whole triangle.
 fn squared_distance(p: DVec3, triangle: [DVec3; 3]) -> (f64, [bool; 3]) {
     let found = off_triangle(p, triangle);
-    // Only a triangle without area, to which rounding can shrink a tiny one, has no such region.
+    // Only a triangle without area, to which rounding can shrink a tiny triangle, has no such region.
     if found.0.is_finite() { found } else { off_sides(p, triangle) }
 }
 
-/// The same for a triangle whose corners lie on one line: the nearest of its sides.
+/// As [`squared_distance`] for a triangle whose corners lie on one line: the nearest of its sides.
 fn off_sides(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [bool; 3]) {
     let side = |from: DVec3, to: DVec3| {
         let along = to - from;
@@ -507,7 +510,7 @@ mod tests {
     fn flipped_triangles_are_counted() {
         let surface = plate(6);
         let mut moved = surface.positions.clone();
-        // One inner vertex beyond the opposite sides of the triangles around it.
+        // One inner vertex moves beyond the opposite sides of the triangles around it.
         let vertex = surface.positions.iter().position(|p| *p == DVec3::new(3.0, 3.0, 0.0));
         moved[vertex.unwrap()] += DVec3::new(1.5, 0.0, 0.0);
         let found = quality(&surface, &moved).unwrap();
@@ -558,7 +561,7 @@ mod tests {
                     );
                 };
                 near(ours.mrms, metro.mrms, 0.05);
-                // A maximum depends on which samples happen to be taken.
+                // A maximum depends on the choice of samples.
                 near(ours.hausdorff, metro.hausdorff, 0.2);
             }
         }

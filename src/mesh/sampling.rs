@@ -1,13 +1,13 @@
 //! Evenly spread sample points on a surface: its vertices, points on its edges, points in its
-//! triangles, as Metro samples them (Cignoni et al. 1998). Deterministic: points follow the
-//! edges and triangles in order at equal steps of length and area.
+//! triangles, as Metro samples them (Cignoni et al. 1998). Deterministic: points follow the edges and
+//! triangles in order, at equal steps of length and area.
 
 use glam::DVec3;
 
 use super::surface::{Surface, doubled_area};
 
-/// The golden ratio's fractional part and its square root's: the steps of the plane's
-/// low-discrepancy sequence (the R2 sequence; plastic number 1.3247).
+/// The reciprocals of the plastic number 1.3247 and of its square: the steps of the R2 low-discrepancy
+/// sequence in the plane.
 pub(super) const PLASTIC: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
 
 /// All carriers, then `per_kind` points on edges and `per_kind` points in triangles.
@@ -65,8 +65,8 @@ pub fn in_triangles(
     });
 }
 
-/// Visits `count` points at equal steps of the items' summed `size`: `visit(item, share of the
-/// item's size passed, number of the point)`.
+/// Visits `count` points at equal steps of the items' summed `size`. The arguments of `visit` are the
+/// item, the share of the item's size before the point, and the number of the point.
 fn spread<T>(
     items: &[T],
     size: impl Fn(&T) -> f64,

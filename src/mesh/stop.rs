@@ -1,62 +1,64 @@
-//! Long passes in steps, so that a caller who does not wait any more is heard between them.
+//! Long passes in steps, so that a caller that does not wait any more can stop them between steps.
 //!
-//! A pass over millions of elements asks before each [`STEP`] of them; within a step it may use all
-//! threads. What comes out does not depend on the steps. Must not know why a caller gives up.
+//! A pass over millions of elements calls `stop` before each [`STEP`] of them; within a step it may use
+//! all threads. The result does not depend on the steps. Must not know why a caller stops.
 
 use std::cmp::Ordering;
 use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
-/// Whether to give up. Once it answers `true` it always does.
+/// Whether to stop. Once it answers `true`, it always does.
 pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
 
-/// Elements of one step. The dearest passes take a microsecond an element on one thread.
+/// Elements of one step. The most expensive passes take a microsecond per element on one thread.
 pub const STEP: usize = 1 << 16;
 
-/// Elements that are sorted at once, in 20 to 60 ms on one thread. Fewer would be merged more often.
+/// Elements that are sorted at once, in 20 to 60 ms on one thread. Smaller runs would need more
+/// merging.
 const SORTED: usize = 1 << 19;
 
-/// Elements per task of a step, at least.
+/// Least number of elements per task of a step.
 const TASK: usize = 1 << 10;
 
-/// Elements per task that some are chosen from.
+/// Elements per task of [`chosen`].
 const CHOSEN: usize = 1 << 12;
 
-/// For those who wait to the end.
+/// A stop that never stops.
 #[must_use]
 pub fn never() -> bool {
     false
 }
 
-/// `None` once it is time to give up.
+/// `None` once `stop` answers `true`.
 #[must_use]
 pub fn go_on(stop: Stop<'_>) -> Option<()> {
     (!stop()).then_some(())
 }
 
-/// What never stops has a result.
+/// The result of a pass that is never stopped.
 ///
 /// # Panics
-/// Not where `run` gives up because of its argument alone.
+/// When `run` returns `None` although its argument never answered `true`.
 #[must_use]
 pub fn unstopped<T>(run: impl FnOnce(Stop<'_>) -> Option<T>) -> T {
     #[expect(clippy::expect_used, reason = "nobody stops it")]
     run(&never).expect("a pass that was not stopped ends")
 }
 
-/// What a cell holds, made at first need; `make` says `None` where it was stopped, and then nothing is
-/// kept. Two that need it at once both make it: one that waited for the other could not be stopped.
+/// The content of a cell, made when it is first needed. `make` returns `None` where it was stopped, and
+/// then nothing is kept. Two threads that need the content at once both make it, because a thread that
+/// waited for the other could not be stopped.
 #[must_use]
 pub fn once<T>(cell: &OnceLock<T>, make: impl FnOnce() -> Option<T>) -> Option<&T> {
     if cell.get().is_none() {
-        // Another may have been quicker, with the same.
+        // Another thread may have set the same content first.
         let _ = cell.set(make()?);
     }
     cell.get()
 }
 
-/// What `of` makes of each item and its number, in order, by all threads.
+/// The values of `of` for each item and its number, in order, computed by all threads.
 #[must_use]
 pub fn mapped<T: Sync, R: Send>(
     items: &[T],
@@ -73,7 +75,7 @@ pub fn mapped<T: Sync, R: Send>(
     Some(all)
 }
 
-/// What `of` makes of each number below `count`, in order, by all threads.
+/// The values of `of` for each number below `count`, in order, computed by all threads.
 #[must_use]
 pub fn counted<R: Send>(
     count: usize,
@@ -83,7 +85,7 @@ pub fn counted<R: Send>(
     in_steps_of(STEP, count, stop, of)
 }
 
-/// The same in steps of so many numbers, for what takes longer.
+/// As [`counted`] in steps of `length` numbers, for values that take longer.
 #[must_use]
 pub fn in_steps_of<R: Send>(
     length: usize,
@@ -100,8 +102,8 @@ pub fn in_steps_of<R: Send>(
     Some(all)
 }
 
-/// Does something to each item and its number, by all threads. `None` once it was stopped; some items
-/// are as they were then.
+/// Calls `change` on each item with its number, by all threads. `None` once it was stopped; some items
+/// are then unchanged.
 pub fn changed<T: Send>(
     items: &mut [T],
     stop: Stop<'_>,
@@ -116,7 +118,7 @@ pub fn changed<T: Send>(
     Some(())
 }
 
-/// Those that `of` makes something of, in order, by all threads.
+/// The values of `of` that are not `None`, in order, computed by all threads.
 #[must_use]
 pub fn chosen<T: Sync, R: Send>(
     items: &[T],
@@ -127,7 +129,7 @@ pub fn chosen<T: Sync, R: Send>(
     for (number, step) in items.chunks(STEP).enumerate() {
         go_on(stop)?;
         let start = number * STEP;
-        // Plain loops over tasks: a parallel iterator that filters took three times as long.
+        // Plain loops over tasks: a filtering parallel iterator took three times as long.
         let task = |(task, items): (usize, &[T])| {
             let mut chosen = Vec::with_capacity(items.len());
             let numbered = (start + task * CHOSEN..).zip(items);
@@ -142,8 +144,8 @@ pub fn chosen<T: Sync, R: Send>(
     Some(all)
 }
 
-/// The items in order, by all threads. Those that compare as equal must be equal: which of them comes
-/// first is not said.
+/// The items in ascending order, sorted by all threads. Items that compare as equal must be equal,
+/// because their order is not defined.
 #[must_use]
 pub fn sorted<T: Copy + Send + Sync>(
     mut items: Vec<T>,

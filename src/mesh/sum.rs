@@ -1,7 +1,7 @@
 //! Sums that do not depend on the number of threads.
 //!
-//! Floating-point addition is not associative, so a parallel sum must fix its own tree: blocks
-//! of a constant size are summed in order, and the block sums are added in order.
+//! Floating-point addition is not associative, so a parallel sum must fix its own tree. Blocks of a
+//! constant size are summed in order, and the block sums are added in order.
 
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use super::stop::{STEP, Stop, go_on, unstopped};
 /// Items per block: large enough to hide the scheduling, small enough to balance.
 const BLOCK: usize = 4096;
 
-/// Blocks between two questions whether to stop.
+/// Blocks between two calls of `stop`.
 const BLOCKS: usize = 4 * STEP / BLOCK;
 
 /// `fold` over blocks of `items` in parallel, then `add` over the block sums in order.
@@ -23,7 +23,7 @@ pub fn ordered_sum<T: Sync, S: Send + Sync + Copy>(
     unstopped(|stop| ordered_sum_until(items, zero, fold, add, stop))
 }
 
-/// The same; `None` once `stop` answers `true`.
+/// As [`ordered_sum`]; `None` once `stop` answers `true`.
 #[must_use]
 pub fn ordered_sum_until<T: Sync, S: Send + Sync + Copy>(
     items: &[T],

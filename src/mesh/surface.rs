@@ -1,4 +1,4 @@
-//! The carrier surface: welded points that a triangle of non-zero area uses, and those triangles.
+//! The carrier surface: welded points that a triangle with an area uses, and those triangles.
 
 use glam::DVec3;
 
@@ -11,24 +11,24 @@ use crate::mesh::powers::squared;
 /// Marks a file vertex that is no carrier.
 pub const NO_CARRIER: u32 = u32::MAX;
 
-/// A triangle counts as area-less when twice its area is at most this share of its longest edge
-/// squared. Exact collinearity survives neither a rotation nor a conversion, so the test cannot
-/// be against zero; 1e-9 is far below any sliver that a modeller keeps on purpose.
+/// A triangle has no area when twice its area is at most this share of its longest edge squared. Exact
+/// collinearity survives neither a rotation nor a conversion, so the test cannot be against zero. 1e-9
+/// is far below any sliver that a modeller keeps on purpose.
 const DEGENERATE: f64 = 1e-9;
 
 /// Welded carriers and the triangles over them.
 ///
-/// Points that no triangle of non-zero area uses are absent: they carry nothing and must not set
-/// the radial range either (the Stanford bunny has 1,113 of them).
+/// Points that no triangle with an area uses are absent. They carry nothing and must not set the radial
+/// range (the Stanford bunny has 1,113 of them).
 #[derive(Debug, Clone)]
 pub struct Surface {
     /// Carrier positions, in order of first occurrence in the file.
     pub positions: Vec<DVec3>,
-    /// Triangles of non-zero area, as carrier indices.
+    /// Triangles with an area, as carrier indices.
     pub triangles: Vec<[u32; 3]>,
     /// Per file vertex its carrier, or [`NO_CARRIER`].
     pub carrier_of: Vec<u32>,
-    /// Per carrier the first file vertex that stands for it.
+    /// Per carrier the first file vertex at its position.
     pub first_vertex: Vec<u32>,
 }
 
@@ -42,11 +42,11 @@ fn has_area(a: DVec3, b: DVec3, c: DVec3) -> bool {
     let longest =
         (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
     let doubled = doubled_area(a, b, c).length_squared();
-    // A negated `<=` would call NaN an area: coordinates near the largest double overflow here.
+    // A negated `<=` would accept NaN as an area: coordinates near the largest double overflow here.
     doubled > squared(DEGENERATE * longest)
 }
 
-/// The triangles with an area, their corners as points.
+/// The triangles with an area, with points as corners.
 fn with_area(
     triangles: &[[u32; 3]],
     stop: Stop<'_>,
@@ -61,19 +61,19 @@ fn with_area(
 }
 
 impl Surface {
-    /// Welds, drops area-less triangles and unused points.
+    /// Welds positions, then drops triangles without area and unused points.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Self {
         unstopped(|stop| Self::new_until(mesh, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// As [`Self::new`]; `None` once `stop` answers `true`.
     #[must_use]
     pub fn new_until(mesh: &Mesh, stop: Stop<'_>) -> Option<Self> {
         let file = mesh.positions();
         let welded = weld_until(file, stop)?;
         let mut triangles = if welded.first_vertex.len() == file.len() {
-            // No position stands twice: points are vertices, and nothing is looked up.
+            // No position is repeated: points are vertices, and no lookup is needed.
             with_area(mesh.triangles(), stop, |v| v, |p| file[p as usize])?
         } else {
             let at = |p: u32| file[welded.first_vertex[p as usize] as usize];
@@ -117,27 +117,27 @@ impl Surface {
         self.centre_at(&self.positions)
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// As [`Self::centre`]; `None` once `stop` answers `true`.
     #[must_use]
     pub fn centre_until(&self, stop: Stop<'_>) -> Option<DVec3> {
         self.centre_at_until(&self.positions, stop)
     }
 
-    /// The area-weighted centre with the carriers at `positions` (paper eq. 3, normalised by the
-    /// sum of the weights; the printed division by area(O) is three times too much, since each
-    /// triangle is counted at three vertices).
+    /// The area-weighted centre with the carriers at `positions` (paper eq. 3, normalised by the sum of
+    /// the weights). The printed division by area(O) gives three times too much, because each triangle
+    /// is counted at three vertices.
     ///
     /// `sum_j a_j v_j / sum_j a_j`, with `a_j` the area of the triangles at `v_j`, equals the
-    /// area-weighted mean of the triangles' centroids; this form needs no per-vertex areas.
+    /// area-weighted mean of the triangles' centroids. This form needs no per-vertex areas.
     #[must_use]
     pub fn centre_at(&self, positions: &[DVec3]) -> DVec3 {
         unstopped(|stop| self.centre_at_until(positions, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// As [`Self::centre_at`]; `None` once `stop` answers `true`.
     #[must_use]
     pub fn centre_at_until(&self, positions: &[DVec3], stop: Stop<'_>) -> Option<DVec3> {
-        // Relative to one corner, so that a mesh far from the origin loses no digits.
+        // Relative to one corner, so that a mesh far from the origin keeps its digits.
         let origin = positions.first().copied().unwrap_or(DVec3::ZERO);
         let (moment, area) = ordered_sum_until(
             &self.triangles,
@@ -153,8 +153,7 @@ impl Surface {
         Some(if area > 0.0 { origin + moment / (3.0 * area) } else { origin })
     }
 
-    /// Length of the bounding box's diagonal over the carriers: the unit of every relative
-    /// distance.
+    /// Length of the diagonal of the carriers' bounding box: the unit of every relative distance.
     #[must_use]
     pub fn diagonal(&self) -> f64 {
         let (low, high) = self

@@ -1,7 +1,7 @@
-//! A surface prepared for many searches for its closest point, each with a limit of distance and of work.
+//! A surface prepared for many searches for closest points, each with a limit of distance and of work.
 //!
-//! [`Closest`](super::closest::Closest) searches without limits. Here what a search took is counted, so
-//! that whoever makes many can bound them on any surface, on every machine alike.
+//! [`Closest`](super::closest::Closest) searches without limits. Here the work of a search is counted,
+//! so that a caller can bound many searches on any surface, to the same result on every machine.
 
 use std::cell::Cell;
 
@@ -15,20 +15,21 @@ use rayon::prelude::*;
 
 use super::stop::{Stop, go_on, mapped, sorted};
 
-/// Tests (a box or a triangle that is looked at) after which a search takes what it has: a surface made
-/// of overlapping slivers takes long to search, since every box of its tree contains every point.
+/// Largest number of tests of one search; a test visits a box or a triangle. The search then returns
+/// the best found so far. A surface of overlapping slivers takes long to search, because every box of
+/// its tree contains every point.
 pub const MOST_TESTS: u64 = 10_000;
 
-/// Triangles of a part.
+/// Largest number of triangles of a part.
 const PART: usize = 1 << 15;
 
-/// A tree of trees over triangles: a library builds each in one go of some 30 ms, and one over millions
-/// of triangles would take seconds in which nobody is heard.
+/// A tree of trees over triangles. A library builds each tree in one call of some 30 ms. One tree over
+/// millions of triangles would take seconds, in which no stop is possible.
 pub struct SearchTree {
     points: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
     parts: Vec<Part>,
-    /// Over the boxes of the parts.
+    /// The tree over the boxes of the parts.
     whole: Bvh,
 }
 
@@ -43,8 +44,9 @@ fn vector(p: DVec3) -> Vector {
 }
 
 impl SearchTree {
-    /// Builds the trees: about a second per million triangles. `bounds` are the low corner and the side
-    /// of a cube around the points. `None` where there is no triangle, and once `stop` answers `true`.
+    /// Builds the trees, in about a second per million triangles. `bounds` are the low corner and the
+    /// side of a cube around the points. `None` where there is no triangle, and once `stop` answers
+    /// `true`.
     #[must_use]
     pub fn new(
         points: Vec<DVec3>,
@@ -84,8 +86,8 @@ impl SearchTree {
         &self.triangles
     }
 
-    /// The triangle that is closest to `p` and its closest place, if it is within `reach`; adds what
-    /// the search took to `tests`.
+    /// The triangle that is closest to `p` and its closest point, if that is within `reach`. Adds the
+    /// number of tests made to `tests`.
     #[must_use]
     pub fn closest(&self, p: DVec3, reach: f64, tests: &mut u64) -> Option<(usize, DVec3)> {
         let at = vector(p);
@@ -122,9 +124,9 @@ impl SearchTree {
     }
 }
 
-/// The numbers of all triangles so that each [`PART`] of them lies together: as they are where there is
-/// one part, else along a curve of Morton through cells of a thousandth of the box. `None` once `stop`
-/// answers `true`.
+/// The numbers of all triangles, ordered so that each [`PART`] of them lies together. One part keeps
+/// the given order; several parts follow a Morton curve through cells of 1/1024 of the cube's side.
+/// `None` once `stop` answers `true`.
 fn nearby(
     points: &[DVec3],
     triangles: &[[u32; 3]],
@@ -143,7 +145,7 @@ fn nearby(
     Some(keyed.into_iter().map(|(_, t)| t).collect())
 }
 
-/// The place of a point of the unit cube on a curve of Morton.
+/// The position of a point of the unit cube on a Morton curve.
 fn morton(p: DVec3) -> u32 {
     let spread = |x: f64| {
         #[expect(

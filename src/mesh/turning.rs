@@ -1,4 +1,4 @@
-//! How far triangles turned when their corners moved.
+//! How far triangles turn when their corners move.
 
 use glam::DVec3;
 
@@ -21,7 +21,7 @@ pub fn turning(surface: &Surface, moved: &[DVec3]) -> Turning {
     unstopped(|stop| turning_until(surface, moved, stop))
 }
 
-/// The same; `None` once `stop` answers `true`.
+/// As [`turning`]; `None` once `stop` answers `true`.
 #[must_use]
 pub fn turning_until(surface: &Surface, moved: &[DVec3], stop: Stop<'_>) -> Option<Turning> {
     let (turned, area, flipped) = ordered_sum_until(
@@ -33,7 +33,7 @@ pub fn turning_until(surface: &Surface, moved: &[DVec3], stop: Stop<'_>) -> Opti
             let [a, b, c] = t.map(|i| moved[i as usize]);
             let after = doubled_area(a, b, c);
             let along = before.dot(after);
-            // Not the arc cosine, which has no digits left for small angles.
+            // Not the arc cosine, which loses all digits for small angles.
             let angle = libm::atan2(before.cross(after).length(), along);
             let weight = before.length();
             (turned + weight * angle, area + weight, flipped + usize::from(along < 0.0))
@@ -52,7 +52,7 @@ pub fn flipped_triangles(surface: &Surface, moved: &[DVec3]) -> Vec<u32> {
     unstopped(|stop| flipped_until(surface, moved, stop))
 }
 
-/// The same; `None` once `stop` answers `true`.
+/// As [`flipped_triangles`]; `None` once `stop` answers `true`.
 #[must_use]
 pub fn flipped_until(surface: &Surface, moved: &[DVec3], stop: Stop<'_>) -> Option<Vec<u32>> {
     let number = |t: usize| u32::try_from(t).unwrap_or(u32::MAX);
@@ -62,7 +62,7 @@ pub fn flipped_until(surface: &Surface, moved: &[DVec3], stop: Stop<'_>) -> Opti
     })
 }
 
-/// Whether one of them is.
+/// Whether the normal of one triangle turns by more than 90 degrees when the carriers move to `moved`.
 #[must_use]
 pub fn is_flipped(surface: &Surface, triangle: u32, moved: &[DVec3]) -> bool {
     let corners = surface.triangles[triangle as usize];

@@ -1,13 +1,13 @@
 //! Welding: vertices with bit-identical positions are one point of the surface.
 //!
-//! UV and normal seams repeat positions; the copies must move together or the surface cracks.
+//! UV and normal seams repeat positions. The copies must move together, or the surface cracks.
 
 use glam::DVec3;
 
 use super::stop::{STEP, Stop, go_on, sorted, unstopped};
 
-/// Longest probe sequence before hashing is given up. At load 1/2 and honest input the expected
-/// longest run for 10^8 points is below 60; an upload whose coordinates were chosen to collide
+/// Longest probe sequence before hashing is abandoned. At load 1/2 and with ordinary input, the
+/// expected longest run for 10^8 points is below 60. An upload whose coordinates were chosen to collide
 /// falls back to sorting, which no input can slow down.
 const MAX_PROBES: usize = 256;
 
@@ -24,7 +24,7 @@ pub struct Weld {
     pub first_vertex: Vec<u32>,
 }
 
-/// Bits of a position with `-0.0` made `0.0`, which is the same place.
+/// Bits of a position with `-0.0` made `0.0`, which is the same coordinate.
 fn key(p: DVec3) -> [u64; 3] {
     [(p.x + 0.0).to_bits(), (p.y + 0.0).to_bits(), (p.z + 0.0).to_bits()]
 }
@@ -51,7 +51,7 @@ pub fn weld(positions: &[DVec3]) -> Weld {
     unstopped(|stop| weld_until(positions, stop))
 }
 
-/// The same; `None` once `stop` answers `true`.
+/// As [`weld`]; `None` once `stop` answers `true`.
 #[must_use]
 pub fn weld_until(positions: &[DVec3], stop: Stop<'_>) -> Option<Weld> {
     match by_hash(positions, stop)? {
@@ -60,11 +60,11 @@ pub fn weld_until(positions: &[DVec3], stop: Stop<'_>) -> Option<Weld> {
     }
 }
 
-/// What became of hashing.
+/// The outcome of hashing.
 #[derive(Debug, PartialEq)]
 enum Hashed {
     Welded(Weld),
-    /// Too many keys fell on one place.
+    /// Too many keys fell into one run of slots.
     Crowded,
 }
 
@@ -78,13 +78,13 @@ fn by_hash(positions: &[DVec3], stop: Stop<'_>) -> Option<Hashed> {
         go_on(stop)?;
         for &position in step {
             let this = key(position);
-            // The high half is the better mixed one; truncation to usize only drops hash bits.
+            // The high bits are better mixed. Truncation to usize only drops hash bits.
             let mut slot = usize::try_from(hash(this) >> 20).unwrap_or(0) & mask;
             let mut probes = 0;
             let point = loop {
                 let point = table[slot];
                 if point == EMPTY {
-                    // No more points than vertices, which are fewer than 2^32.
+                    // There are no more points than vertices, of which there are fewer than 2^32.
                     let point = u32::try_from(weld.first_vertex.len()).unwrap_or(EMPTY);
                     table[slot] = point;
                     weld.first_vertex.push(vertex);

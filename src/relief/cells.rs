@@ -8,16 +8,16 @@ const SUPPORT: usize = 3;
 /// Cells that a point belongs to.
 pub(super) const AROUND: usize = SUPPORT * SUPPORT * SUPPORT;
 
-/// Parts of a cell's side within which points are taken together.
+/// Parts of a cell's side; points within one part are grouped together.
 const PARTS: i32 = 2;
 
-/// No cell of the host.
+/// Marks a cell that the host does not have.
 const NONE: u32 = u32::MAX;
 
-/// Cells of empty rim around a host: a point touches the neighbours of its own cell.
+/// Width of the rim around a host, in cells: a point touches the neighbours of its own cell.
 const RIM: f64 = 2.0;
 
-/// Grid cells that a set of points touches, numbered in the order x, y, z of their places.
+/// Grid cells that a set of points touches, numbered by their places in the order x, y, z.
 #[derive(Debug, Clone)]
 pub(super) struct Cells {
     /// Centre of the first cell, in the unit of positions.
@@ -26,7 +26,7 @@ pub(super) struct Cells {
     side: f64,
     /// Number of cells along each axis.
     sizes: IVec3,
-    /// Per place of the grid the number of the cell, or [`NONE`].
+    /// Per place of the grid, the number of the cell there, or [`NONE`].
     numbers: Vec<u32>,
     count: usize,
 }
@@ -45,8 +45,8 @@ fn axis(x: i32) -> usize {
 }
 
 impl Cells {
-    /// The cells of side `side` that the points touch. Their box must not be longer than a thousand
-    /// cells.
+    /// The cells of side `side` that the points touch. The bounding box of the points must not be
+    /// longer than a thousand cells.
     #[must_use]
     pub(super) fn new(points: &[DVec3], side: f64) -> Self {
         let bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -82,14 +82,15 @@ impl Cells {
         self.side
     }
 
-    /// Where a point lies.
+    /// The place of a point.
     pub(super) fn place(&self, p: DVec3) -> CellPlace {
         let at = (p - self.origin) / self.side;
         let middle = at.round();
         CellPlace { middle: middle.as_ivec3(), offset: at - middle }
     }
 
-    /// A name of the part of a cell that a point lies in: points of one part belong to the same cells.
+    /// An index of the part of a cell that a point lies in. Points of one part belong to the same
+    /// cells.
     pub(super) fn part(place: &CellPlace) -> u64 {
         let fine = (f64::from(PARTS) * (place.offset + DVec3::splat(0.5))).floor().as_ivec3();
         let fine = fine.clamp(IVec3::ZERO, IVec3::splat(PARTS - 1));
@@ -97,14 +98,14 @@ impl Cells {
         (axis(at.x) as u64) << 42 | (axis(at.y) as u64) << 21 | axis(at.z) as u64
     }
 
-    /// Numbers of the cells that points at a place belong to, in the order of [`weights`]; `u32::MAX`
-    /// for those that the host does not have.
+    /// Numbers of the cells that a point at a place belongs to, in the order of [`weights`]; `u32::MAX`
+    /// for cells that the host does not have.
     pub(super) fn numbers(&self, place: &CellPlace) -> [u32; AROUND] {
         let around = self.around(place.middle);
         around.map(|at| self.numbers.get(at).copied().unwrap_or(NONE))
     }
 
-    /// Indices of the cells around one, in the order of [`weights`].
+    /// Indices of the cells around the middle one, in the order of [`weights`].
     fn around(&self, middle: IVec3) -> [usize; AROUND] {
         let low = middle - IVec3::ONE;
         let inside = low.cmpge(IVec3::ZERO).all() && (middle + IVec3::ONE).cmplt(self.sizes).all();
@@ -120,7 +121,7 @@ impl Cells {
         all
     }
 
-    /// `sum_c B_c(p) B_c(q)` of two points with their weights.
+    /// `sum_c B_c(p) B_c(q)` of two points given by their places and weights.
     pub(super) fn common(
         (p, of_p): (&CellPlace, &[f64; AROUND]),
         (q, of_q): (&CellPlace, &[f64; AROUND]),
@@ -143,13 +144,13 @@ impl Cells {
     }
 }
 
-/// The quadratic B-spline about the cells before, at and after a point.
+/// The quadratic B-spline for the cells before, at and after a point.
 fn spline(offset: f64) -> [f64; SUPPORT] {
     let (below, above) = (0.5 - offset, 0.5 + offset);
     [0.5 * below * below, 0.75 - offset * offset, 0.5 * above * above]
 }
 
-/// What each of the cells that a point belongs to adds to the field there; together 1.
+/// The weights of the signs of the cells that a point belongs to in the field there; they add up to 1.
 pub(super) fn weights(place: &CellPlace) -> [f64; AROUND] {
     let [x, y, z] = place.offset.to_array().map(spline);
     let mut all = [0.0; AROUND];

@@ -1,43 +1,45 @@
 //! The estimate of all cells' signs that is best in the mean square, from weighted heights (method
 //! section 8).
 //!
-//! A height is a weighted sum of what the corners of its triangle of the host moved, and these are sums
-//! over cells. Corners are gathered into the host's nodes, so that the normal equations are as large as
-//! the surface has parts of cells, whatever host and suspect are made of: with `L` from nodes to
-//! heights and `R` from cells to nodes, `(R' (L' W L) R + I / size^2) x = R' L' W o`, solved by
-//! conjugate gradients. One thread: it takes less time than the search for closest points.
+//! A height is a weighted sum of the moves of the corners of its triangle of the host, and these moves
+//! are sums over cells. Corners are grouped into the host's nodes, so that the normal equations are as
+//! large as the surface has parts of cells, whatever host and suspect are made of. With `L` from nodes
+//! to heights and `R` from cells to nodes, conjugate gradients solve
+//! `(R' (L' W L) R + I / size^2) x = R' L' W o`. They run on one thread, in less time than the search
+//! for closest points.
 
 use rayon::prelude::*;
 
 use super::heights::Height;
 use super::host::ReliefHost;
 
-/// A height without what was fitted, and its weight (one over its variance).
+/// A height after the regression, and its weight (one over its variance).
 pub(super) struct Sample<'a> {
     pub(super) of: &'a Height,
     pub(super) height: f64,
     pub(super) weight: f64,
 }
 
-/// Per cell.
+/// The estimate, per cell.
 pub(super) struct Estimate {
-    /// How far the cell's sign moves the surface, as a share of the diagonal.
+    /// The distance by which the cell's sign moves the surface, as a share of the diagonal, with the
+    /// sign.
     pub(super) values: Vec<f64>,
     /// The share of the prior variance that was explained, from 0 to 1.
     pub(super) explained: Vec<f64>,
 }
 
-/// Rounds of conjugate gradients at the most. Every round gives an estimate; more than these move
+/// Largest number of rounds of conjugate gradients. Every round gives an estimate; more rounds change
 /// no figure of `benches/relief.rs`.
 const ROUNDS: usize = 64;
 
-/// Residual, as a share of the first, at which they end.
+/// Size of the residual, as a share of the first, at which the rounds end.
 const SMALL: f64 = 1e-3;
 
 /// `L' W L` and `L' W o` over the nodes of a host.
 struct Equations<'a> {
     host: &'a ReliefHost,
-    /// Lower and upper triangle in compressed rows.
+    /// Lower and upper triangle of the matrix, in compressed rows.
     starts: Vec<usize>,
     entries: Vec<(u32, f64)>,
     right: Vec<f64>,
@@ -45,7 +47,7 @@ struct Equations<'a> {
     prior: f64,
 }
 
-/// A place of the matrix as one number, by rows.
+/// An entry's row and column as one number, ordered by rows.
 fn place(row: u32, column: u32) -> u64 {
     u64::from(row) << 32 | u64::from(column)
 }
@@ -67,7 +69,8 @@ impl<'a> Equations<'a> {
                 all.extend(parts.map(|(j, b)| (place(i, j), sample.weight * a * b)));
             }
         }
-        // Stable, so that equal places are added in the order of the samples on any number of threads.
+        // The sort is stable, so that values of one entry are added in the order of the samples on any
+        // number of threads.
         all.par_sort_by_key(|entry| entry.0);
         let mut starts = vec![0; count + 1];
         let mut entries: Vec<(u32, f64)> = Vec::new();
@@ -111,14 +114,14 @@ impl<'a> Equations<'a> {
         }
     }
 
-    /// The diagonal of `R' L' W L R`: what the heights say of each cell alone.
+    /// The diagonal of `R' L' W L R`: the information of the heights on each cell alone.
     fn diagonal(&self) -> Vec<f64> {
         let mut diagonal = vec![0.0; self.host.field.signs()];
         for (number, node) in self.host.nodes.iter().enumerate() {
             for &(other, value) in self.row(number) {
                 let other = &self.host.nodes[other as usize];
                 for (k, (&cell, weight)) in node.cells.iter().zip(&node.weights).enumerate() {
-                    // Most neighbours are parts of one cell, and so belong to the same cells.
+                    // Most neighbouring nodes are parts of one cell, and so belong to the same cells.
                     let same = if other.cells[k] == cell {
                         Some(k)
                     } else {
@@ -137,7 +140,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// The estimate; `size` is how far one sign moves the surface, as a share of the diagonal.
+/// The estimate from weighted heights; `size` is the distance by which one sign moves the surface, as a
+/// share of the diagonal.
 pub(super) fn estimate(host: &ReliefHost, samples: &[Sample<'_>], size: f64) -> Estimate {
     let prior = 1.0 / (size * size);
     let equations = Equations::new(host, samples, prior);

@@ -1,4 +1,4 @@
-//! The field of a host: which cells it has, which way its vertices move, and how far.
+//! The field of a host: its cells, and the direction and length of the moves of its vertices.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,20 +11,20 @@ use crate::mesh::surface::{Surface, doubled_area};
 use crate::mesh::turning::flipped_until;
 
 /// Side of a cell, as a share of the diagonal. Of 0.01, 0.0125, 0.015 and 0.02 at one distortion, finer
-/// cells read better from fragments and crowds, coarser ones from sparse meshes under strong
-/// simplification, and turn normals less. (`benches/relief.rs`, built with each.)
+/// cells read better from fragments and averaged copies. Coarser cells read better from sparse meshes
+/// under strong simplification and turn normals less (`benches/relief.rs`, built with each side).
 pub const CELL: f64 = 0.0125;
 
-/// Halvings of the displacements at turned triangles before they are left where they were.
+/// Halvings of the displacements at turned triangles before these displacements are undone.
 const HALVINGS: usize = 6;
 
-/// What a host's mark is made of; follows from the surface alone.
+/// The part of a mark that follows from the host's surface alone.
 #[derive(Debug, Clone)]
 pub struct Field {
     cells: Cells,
     /// Length of the bounding box's diagonal.
     diagonal: f64,
-    /// Unit normals of the vertices; zero where there is none.
+    /// Unit normals of the vertices; zero where there is no normal.
     normals: Vec<DVec3>,
     /// Root mean square, over the surface and over all signs, of the distance that the surface moves
     /// when every sign counts 1.
@@ -46,13 +46,14 @@ pub(super) fn vertex_normals(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec
 }
 
 impl Field {
-    /// Of a surface; `None` where it has no triangle, or no size that can be computed with.
+    /// The field of a surface; `None` where the surface has no triangle, or a diagonal outside 1e-100
+    /// to 1e100.
     #[must_use]
     pub fn new(surface: &Surface) -> Option<Self> {
         Self::new_until(surface, &|| false)
     }
 
-    /// The same; `None` also once `stop` answers `true`.
+    /// As [`Self::new`]; `None` also once `stop` answers `true`.
     #[must_use]
     pub fn new_until(surface: &Surface, stop: Stop<'_>) -> Option<Self> {
         let (positions, triangles) = (&surface.positions, &surface.triangles);
@@ -68,7 +69,7 @@ impl Field {
         (spread > 0.0).then_some(Self { cells, diagonal, normals, spread })
     }
 
-    /// How many signs a mark of this host has.
+    /// Number of signs of a mark of this host.
     #[must_use]
     pub fn signs(&self) -> usize {
         self.cells.count()
@@ -88,14 +89,15 @@ impl Field {
         &self.normals
     }
 
-    /// What one sign adds to the field of a mark of this amplitude, as a share of the diagonal.
+    /// The amount that one sign adds to the field of a mark of this amplitude, as a share of the
+    /// diagonal.
     pub(super) fn size(&self, amplitude: f64) -> f64 {
         amplitude / self.spread
     }
 
-    /// Where a mark puts the vertices of its host. `amplitude` is the root mean square distance that
-    /// the surface moves, as a share of the diagonal. Vertices of triangles that would turn over move
-    /// less, and `pinned` ones not at all; readers know neither.
+    /// The positions of the host's vertices in a marked mesh. `amplitude` is the root mean square
+    /// distance that the surface moves, as a share of the diagonal. Vertices of triangles that would
+    /// turn over move less, and `pinned` vertices do not move. Readers know neither.
     #[must_use]
     pub fn marked(
         &self,
@@ -107,7 +109,7 @@ impl Field {
         unstopped(|stop| self.marked_until(surface, signs, amplitude, pinned, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// As [`Self::marked`]; `None` once `stop` answers `true`.
     #[must_use]
     pub fn marked_until(
         &self,
@@ -144,18 +146,18 @@ impl Field {
     }
 }
 
-/// What share of a mark's displacements is in a surface.
+/// The share of a mark's displacements that a surface has.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Share {
-    /// 1 where all of it is, 0 where none is.
+    /// 1 for all displacements, 0 for none.
     pub value: f64,
-    /// Its standard deviation, where whatever else moved the vertices is independent noise.
+    /// Standard deviation of the share, if all other displacements are independent noise.
     pub uncertainty: f64,
 }
 
 impl Field {
-    /// What share of a mark the carriers at `moved` have: least squares along the normals. `None` once
-    /// `stop` answers `true`.
+    /// The share of a mark that the carriers at `moved` have: least squares along the normals. `None`
+    /// once `stop` answers `true`.
     #[must_use]
     pub fn share_of(
         &self,
@@ -198,11 +200,12 @@ fn added(positions: &[DVec3], moves: &[DVec3]) -> Vec<DVec3> {
     positions.iter().zip(moves).map(|(p, m)| *p + *m).collect()
 }
 
-/// Over the signs, `E u_k u_l = (n_k . n)(n_l . n) sum_c B_kc B_lc` for the distances `u` that two
-/// corners of a triangle with normal `n` move along it; over a triangle, the mean square of what
-/// lies between them is `(sum_k u_k^2 + sum_(k < l) u_k u_l) / 6`.
+/// The root mean square, over the surface and over all signs, of the distance that the surface moves
+/// when every sign counts 1. Over the signs, `E u_k u_l = (n_k . n)(n_l . n) sum_c B_kc B_lc` for the
+/// distances `u` that two corners of a triangle with normal `n` move along it. Between the corners the
+/// mean square over a triangle is `(sum_k u_k^2 + sum_(k < l) u_k u_l) / 6`.
 fn spread(surface: &Surface, normals: &[DVec3], cells: &Cells, stop: Stop<'_>) -> Option<f64> {
-    /// Triangles between two questions whether to stop: each takes about a microsecond.
+    /// Triangles between two calls of `stop`; each takes about a microsecond.
     const STEP: usize = 8192;
     let (positions, triangles) = (&surface.positions, &surface.triangles);
     let of = |triangle: usize| {

@@ -1,4 +1,4 @@
-//! Where a suspect lies above its host: signed distances along the host's normals, of the suspect's
+//! Heights of a suspect above its host: signed distances along the host's normals, of the suspect's
 //! vertices and of points spread over its triangles.
 
 use glam::DVec3;
@@ -10,10 +10,10 @@ use crate::mesh::sampling::in_triangles;
 use crate::mesh::stop::Stop;
 use crate::mesh::surface::{Surface, doubled_area};
 
-/// Least cosine between the normals of a suspect and of its host at one place.
+/// Least cosine between the normals of a suspect and of its host at one point.
 const ALIKE: f64 = 0.3;
 
-/// Most distance between suspect and host, as a share of the diagonal.
+/// Largest distance between suspect and host, as a share of the diagonal.
 const REACH: f64 = 0.012;
 
 /// A point of a suspect above its host.
@@ -21,9 +21,9 @@ const REACH: f64 = 0.012;
 pub(super) struct Height {
     /// Triangle of the host.
     pub(super) triangle: u32,
-    /// Barycentric coordinates there.
+    /// Barycentric coordinates in that triangle.
     pub(super) at: [f64; 3],
-    /// The foot, in the host's coordinates.
+    /// The closest point of the host, in the host's coordinates.
     pub(super) foot: DVec3,
     /// The host's normal there.
     pub(super) normal: DVec3,
@@ -34,12 +34,13 @@ pub(super) struct Height {
 /// Heights of one kind of points.
 pub(super) struct Heights {
     pub(super) all: Vec<Height>,
-    /// What part of the points are of their own: of many points in one triangle each says less.
+    /// Number of distinct triangles per point, at most 1: of many points in one triangle each adds
+    /// less.
     pub(super) distinct: f64,
 }
 
-/// What a reading may still spend: tests of the search tree (a box or a triangle that is looked at), so
-/// that it takes as long as it may on any surface, and is the same on any number of threads.
+/// The budget of a reading in tests of the search tree; a test visits a box or a triangle. Counted
+/// tests bound the time on any surface, and the result is the same on any number of threads.
 pub struct Work<'a> {
     all: u64,
     spent: u64,
@@ -47,13 +48,13 @@ pub struct Work<'a> {
 }
 
 impl<'a> Work<'a> {
-    /// So many tests; `stop` is asked between blocks of them.
+    /// A budget of `tests`; `stop` is called between blocks of points.
     #[must_use]
     pub fn new(tests: u64, stop: Stop<'a>) -> Self {
         Self { all: tests, spent: 0, stop }
     }
 
-    /// Tests that were made.
+    /// Number of tests that were made.
     #[must_use]
     pub fn spent(&self) -> u64 {
         self.spent
@@ -64,8 +65,8 @@ impl<'a> Work<'a> {
     }
 }
 
-/// The height of a point with a normal; `None` where the host is not there. Adds what the search took to
-/// `tests`.
+/// The height of a point with a normal; `None` where the host is not near or faces another way. Adds
+/// the tests of the search to `tests`.
 fn height(host: &ReliefHost, p: DVec3, normal: DVec3, tests: &mut u64) -> Option<Height> {
     let diagonal = host.field.diagonal();
     let (number, foot) = host.tree.closest(p, REACH * diagonal, tests)?;
@@ -75,7 +76,7 @@ fn height(host: &ReliefHost, p: DVec3, normal: DVec3, tests: &mut u64) -> Option
     let across = area.normalize_or_zero();
     let off = p - foot;
     let near = off.length() <= REACH * diagonal;
-    // Barycentric coordinates are the shares of the area opposite to each corner.
+    // Barycentric coordinates are the area shares of the parts opposite to each corner.
     let share = |p: DVec3, q: DVec3| doubled_area(foot, p, q).dot(area) / area.length_squared();
     (near && across.dot(normal) > ALIKE).then(|| Height {
         triangle: u32::try_from(number).unwrap_or(u32::MAX),
@@ -93,7 +94,7 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// The carriers, of very many every so many.
+    /// The carriers, at regular steps where there are more than [`MOST`].
     fn at_vertices(suspect: &Surface, positions: &[DVec3], mirrored: bool) -> Self {
         let side = if mirrored { -1.0 } else { 1.0 };
         let normals = vertex_normals(positions, &suspect.triangles);
@@ -102,8 +103,8 @@ impl Points {
         Self { all: all.map(|(p, n)| (*p, side * *n)).collect(), distinct: 1.0 }
     }
 
-    /// Points on triangles, evenly by area: at most `most`, of a part as many as there would be on it in
-    /// the whole.
+    /// Points on triangles, evenly by area, at most `most`. A part of a surface gets as many points as
+    /// it would have within the whole.
     pub(super) fn in_triangles(
         host: &ReliefHost,
         suspect: &Surface,
@@ -124,16 +125,16 @@ impl Points {
     }
 }
 
-/// Heights of points, of as many as there is work left for; those where the host is not near, or faces
-/// another way, have none. `None` when stopped.
+/// Heights of points, as many as the remaining work allows. Points where the host is not near, or faces
+/// another way, have no height. `None` when stopped.
 pub(super) fn heights_of(
     host: &ReliefHost,
     points: &[(DVec3, DVec3)],
     work: &mut Work<'_>,
 ) -> Option<Vec<Height>> {
-    /// Points between two questions whether to stop.
+    /// Points between two calls of `stop`.
     const BLOCK: usize = 4096;
-    /// Points by which it is found out what a search costs here.
+    /// Points from which the cost of a search is estimated.
     const PROBES: usize = 64;
     let stop = work.stop;
     let of = |block: &[&(DVec3, DVec3)]| {
@@ -158,14 +159,15 @@ pub(super) fn heights_of(
     Some(blocks.into_iter().flat_map(|(heights, _)| heights).collect())
 }
 
-/// At most so many points of each kind.
+/// Largest number of points of each kind.
 const MOST: usize = 150_000;
 
-/// Points on triangles per face of a cell, and at most so many per triangle: more say nothing new.
+/// Points on triangles per area of a cell's face, and at most this many per triangle: more points add
+/// no information.
 const PER_CELL: f64 = 12.0;
 const PER_TRIANGLE: f64 = 64.0;
 
-/// How many points to spread over triangles: by their area, the same for a part as it would be in the
+/// Number of points to spread over triangles, by area: the same for a part as it would be within the
 /// whole.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to MOST")]
 fn count_in_triangles(host: &ReliefHost, positions: &[DVec3], triangles: &[[u32; 3]]) -> usize {
@@ -181,8 +183,9 @@ fn count_in_triangles(host: &ReliefHost, positions: &[DVec3], triangles: &[[u32;
     (PER_CELL * area / (side * side)).clamp(0.0, most) as usize
 }
 
-/// Heights of the vertices and of the triangles of a suspect whose carriers are at `positions`, in the
-/// host's coordinates. `mirrored` where that turned the surface inside out. `None` when stopped.
+/// Heights of the vertices of a suspect and of points on its triangles. Its carriers are at
+/// `positions`, in the host's coordinates. `mirrored` says whether the move to these coordinates turned
+/// the surface inside out. `None` when stopped.
 pub(super) fn heights(
     host: &ReliefHost,
     suspect: &Surface,

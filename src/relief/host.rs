@@ -1,5 +1,5 @@
-//! A host made ready for readings: its field, a tree for closest points, its smoothing displacements,
-//! and its vertices gathered into nodes.
+//! A host prepared for readings: its field, a tree for closest points, its smoothing displacements, and
+//! its vertices grouped into nodes.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -12,16 +12,16 @@ use crate::mesh::stop::{Stop, go_on};
 use crate::mesh::surface::Surface;
 use crate::mesh::tree::SearchTree;
 
-/// A node: the vertices of the host in one part of a cell, which belong to the same cells. There are
-/// no more nodes than the surface has parts of cells, however many vertices it has.
+/// A node: the vertices of the host in one part of a cell, which belong to the same cells. There are no
+/// more nodes than parts of cells that the surface touches, however many vertices it has.
 #[derive(Debug, Clone)]
 pub(super) struct Node {
     pub(super) cells: [u32; AROUND],
-    /// Means over its vertices.
+    /// Means over the node's vertices of their weights.
     pub(super) weights: [f64; AROUND],
 }
 
-/// A host, ready for readings; made of the surface alone.
+/// A host prepared for readings. It follows from the surface alone.
 pub struct ReliefHost {
     pub(super) field: Field,
     pub(super) centre: DVec3,
@@ -34,13 +34,13 @@ pub struct ReliefHost {
 }
 
 impl ReliefHost {
-    /// `None` where the surface has no [`Field`].
+    /// Prepares a host; `None` where the surface has no [`Field`].
     #[must_use]
     pub fn new(surface: Surface) -> Option<Self> {
         Self::new_until(surface, &|| false)
     }
 
-    /// The same; `None` also once `stop` answers `true`.
+    /// As [`Self::new`]; `None` also once `stop` answers `true`.
     #[must_use]
     pub fn new_until(surface: Surface, stop: Stop<'_>) -> Option<Self> {
         let field = Field::new_until(&surface, stop)?;
@@ -55,9 +55,10 @@ impl ReliefHost {
         Some(Self { field, centre, low, tree, node_of, nodes, smoothed })
     }
 
-    /// Which share of a suspect's surface lies on the host's, within 1.2 % of the diagonal and facing the
-    /// same way; its carriers are at `positions`, in the host's coordinates, and `mirrored` says whether
-    /// that turned it inside out. `None` once `stop` answers `true`.
+    /// The share of a suspect's surface that lies on the host's, within 1.2 % of the diagonal and
+    /// facing the same way. The suspect's carriers are at `positions`, in the host's coordinates;
+    /// `mirrored` says whether the move to these coordinates turned the surface inside out. `None` once
+    /// `stop` answers `true`.
     #[must_use]
     pub fn share_on(
         &self,
@@ -66,7 +67,7 @@ impl ReliefHost {
         mirrored: bool,
         stop: Stop<'_>,
     ) -> Option<f64> {
-        /// Points that are looked at: a share is exact to a percent.
+        /// Points that are tested, for a share exact to a percent.
         const POINTS: usize = 4000;
         let points = Points::in_triangles(self, suspect, positions, mirrored, POINTS);
         let on = heights_of(self, &points.all, &mut Work::new(u64::MAX, stop))?.len();
@@ -80,7 +81,7 @@ impl ReliefHost {
     }
 }
 
-/// Per vertex its node, and the nodes in the order of their places.
+/// Per vertex its node, and the nodes in the order of their parts of cells.
 fn nodes(positions: &[DVec3], cells: &Cells) -> (Vec<u32>, Vec<Node>) {
     let mut order: Vec<(u64, u32)> =
         (0..).zip(positions).map(|(vertex, p)| (Cells::part(&cells.place(*p)), vertex)).collect();

@@ -1,11 +1,11 @@
 //! The relief: a second layer of the mark, which lies in the surface itself (method section 8).
 //!
-//! Every carrier moves a little along the normal of the host, by a smooth field whose sign in each
-//! cell of a cubic grid is drawn from the mark key. It is read against the kept host, from whatever
-//! vertices and triangles the suspect has.
+//! Every carrier moves a little along the normal of the host, by a smooth field whose sign in each cell
+//! of a cubic grid is drawn from the mark key. The field is read against the kept host, from any
+//! vertices and triangles of the suspect.
 //!
 //! Pure. Must not know about files, records, registration or the blind layer; suspects come in the
-//! host's coordinates. Nothing that enters a weight may depend on a sign, for the bound rests on that.
+//! host's coordinates. No weight may depend on a sign, because the bound rests on that.
 
 mod cells;
 mod estimate;

@@ -1,4 +1,4 @@
-//! The choices of a mark that concern its layers.
+//! The parameters of a mark that concern its layers.
 
 use std::fmt;
 use std::str::FromStr;
@@ -12,12 +12,12 @@ pub enum Layers {
     Blind,
     /// The relief, which is read against the kept host.
     Relief,
-    /// Both; where the mesh cannot carry the blind layer, the relief alone.
+    /// Both layers; where the mesh cannot carry the blind layer, the relief alone.
     Both,
 }
 
 impl Layers {
-    /// All of them.
+    /// All values.
     pub const ALL: [Self; 3] = [Self::Blind, Self::Relief, Self::Both];
 
     /// The name in requests.
@@ -36,7 +36,7 @@ impl Layers {
         self != Self::Relief
     }
 
-    /// Whether a reader with the host may find something beside the blind layer.
+    /// Whether a reader with the host may find a relief.
     #[must_use]
     pub fn has_relief(self) -> bool {
         self != Self::Blind
@@ -64,13 +64,15 @@ impl Serialize for Layers {
 }
 
 /// How far the relief moves the surface: root mean square distance as a share of the bounding box's
-/// diagonal, from 0.0000001 to 0.1.
+/// diagonal, 1e-7 to 0.1.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 pub struct Amplitude(f64);
 
 impl Amplitude {
+    /// The amplitude `share`, if it is in range.
+    ///
     /// # Errors
-    /// A text, when it is out of range; also for NaN.
+    /// A text, when the share is out of range or NaN.
     pub fn new(share: f64) -> Result<Self, String> {
         if (1e-7..=0.1).contains(&share) {
             Ok(Self(share))
@@ -86,7 +88,7 @@ impl Amplitude {
     }
 }
 
-/// The relief's share of 0.01 %, which is what a mark may distort where nothing is asked for.
+/// 8e-5: the relief's part of the limit of 0.01 %, which is the default limit of a mark's distortion.
 impl Default for Amplitude {
     fn default() -> Self {
         Self(8e-5)

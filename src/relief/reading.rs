@@ -1,5 +1,5 @@
-//! What a suspect says of the signs of a host: one weight with a sign per cell, from suspect and host
-//! alone, against which the signs of any number of marks are scored.
+//! The reading of a suspect against a host: one signed weight per cell, from suspect and host alone.
+//! The signs of any number of marks are scored against it.
 
 use glam::DVec3;
 
@@ -12,43 +12,45 @@ use super::signs::Signs;
 use crate::mesh::surface::Surface;
 use crate::watermark::{least_chernoff_score, log10_tail};
 
-/// Heights are clipped at so many local deviations.
+/// Heights are clipped at this many local deviations.
 const CLIP: f64 = 3.0;
 
-/// Side of the boxes over which deviations are local, in cells.
+/// Side of the boxes within which a deviation is local, in cells.
 const BOX: f64 = 1.5;
 
-/// Cells say at most so many times the root mean square of all. (Not of the median: where vertices are
-/// farther apart than cells, most cells say little.)
+/// The weight of a cell is at most this many times the root mean square of all. The median would not
+/// serve as the unit: where vertices are farther apart than cells, the weights of most cells are small.
 const CAP: f64 = 4.0;
 
-/// A weight whose explained share is nearly 1 is divided by no less than the root of this.
+/// The unexplained share of a cell's variance counts as at least this much; its root divides the
+/// weight.
 const LEAST_UNEXPLAINED: f64 = 1e-3;
 
 /// Tests of the search tree that a reading may make, and how many more per vertex and triangle of
-/// suspect and host. A test takes 15 ns; usual surfaces need a third of this.
+/// suspect and host. A test takes 15 ns; ordinary surfaces need a third of this.
 const TESTS: u64 = 3_000_000;
 const TESTS_PER_ELEMENT: u64 = 100;
 
-/// Samples fewer than this say nothing.
+/// Fewer samples than this of one kind are not used.
 const LEAST_SAMPLES: usize = 32;
 
-/// Cells that are scored at once.
+/// Cells that are scored together.
 const NIBBLE: usize = 4;
 
 /// Signed weights, one per cell of the host.
 #[derive(Debug, Clone)]
 pub struct ReliefReading {
     weights: Vec<f64>,
-    /// Per four cells, what each of their 16 patterns of signs adds to a score.
+    /// Per four cells, what each of the 16 patterns of their signs adds to a score.
     sums: Vec<[f64; 1 << NIBBLE]>,
 }
 
 impl ReliefReading {
-    /// Reads a suspect whose carriers lie at `positions`, in the host's coordinates; `mirrored` where
-    /// that turned the surface inside out. `amplitude` is that of the marks looked for, as a share of
-    /// the diagonal. It looks at boxes and triangles of the host as often as the sizes of both explain
-    /// ([`Self::most_tests`]). `None` where the suspect is nowhere near the host, or `stop` said so.
+    /// Reads a suspect whose carriers lie at `positions`, in the host's coordinates. `mirrored` says
+    /// whether the move to these coordinates turned the surface inside out. `amplitude` is that of the
+    /// marks to be read, as a share of the diagonal. The number of tests is bounded by the sizes of
+    /// host and suspect ([`Self::most_tests`]). `None` where the suspect is nowhere near the host, or
+    /// once `stop` answers `true`.
     #[must_use]
     pub fn new(
         host: &ReliefHost,
@@ -62,7 +64,7 @@ impl ReliefReading {
         Self::within(host, suspect, (positions, mirrored), amplitude, &mut work)
     }
 
-    /// Tests of the search tree that the sizes of host and suspect explain.
+    /// Limit of the tests of the search tree, from the sizes of host and suspect.
     #[must_use]
     pub fn most_tests(host: &ReliefHost, suspect: &Surface) -> u64 {
         let elements = suspect.positions.len()
@@ -72,7 +74,7 @@ impl ReliefReading {
         TESTS + TESTS_PER_ELEMENT * elements as u64
     }
 
-    /// The same as [`Self::new`] with as many tests as `work` has, which counts them.
+    /// As [`Self::new`], with as many tests as `work` has left; `work` counts them.
     #[must_use]
     pub fn within(
         host: &ReliefHost,
@@ -102,7 +104,7 @@ impl ReliefReading {
         (!stop()).then(|| Self::weighted(weights))
     }
 
-    /// Of weights before they are capped; what is no number counts as zero.
+    /// A reading from weights before they are capped. A value that is not finite counts as zero.
     fn weighted(mut weights: Vec<f64>) -> Self {
         for z in &mut weights {
             *z = if z.is_finite() { *z } else { 0.0 };
@@ -135,14 +137,14 @@ impl ReliefReading {
         both.map(|(sums, half)| sums.get(usize::from(half)).copied().unwrap_or(0.0)).sum()
     }
 
-    /// A score in standard deviations of that of fresh signs.
+    /// A score in standard deviations of the scores of fresh signs.
     #[must_use]
     pub fn deviations(&self, score: f64) -> f64 {
         let squares: f64 = self.weights.iter().map(|z| z * z).sum();
         score / squares.sqrt().max(f64::MIN_POSITIVE)
     }
 
-    /// Cells that were read, and those of them whose sign agrees.
+    /// The number of cells that were read, and the number of those whose sign agrees.
     #[must_use]
     pub fn agreeing(&self, signs: &Signs) -> (usize, usize) {
         let read = (0..).zip(&self.weights).filter(|(_, z)| **z != 0.0);
@@ -152,16 +154,18 @@ impl ReliefReading {
         read.fold((0, 0), count)
     }
 
-    /// log10 of a bound on the probability of this score or more for fresh signs.
+    /// log10 of a bound on the probability that fresh signs have this score or more.
     #[must_use]
     pub fn log10_bound(&self, score: f64) -> f64 {
         log10_tail(&self.weights, score)
     }
 
-    /// A score below which no bound is below `log10_bound`; `None` where no score reaches that.
+    /// A score below which no bound is at or below `log10_bound`; `None` where no score reaches that
+    /// bound.
     #[must_use]
     pub fn least_score(&self, log10_bound: f64) -> Option<f64> {
-        // The bound of few weights is the exact tail's, which is lower than Chernoff's by less.
+        // The bound of few weights is the exact tail, which is below Chernoff's bound by less than
+        // this.
         const EXACT: f64 = 3.0;
         least_chernoff_score(&self.weights, (log10_bound + EXACT).min(0.0))
     }
@@ -178,17 +182,18 @@ fn cap(weights: &mut [f64]) {
     }
 }
 
-/// Heights clipped, with weights from the spread of those around them.
+/// Clipped heights, weighted by the spread of the heights around them.
 fn weighted<'a>(
     host: &ReliefHost,
     all: &'a [Height],
     rest: &Rest,
     distinct: f64,
 ) -> Vec<Sample<'a>> {
-    /// A median of sizes is so many deviations, a mean of sizes the inverse of the second number.
+    /// The median of sizes in standard deviations, and the factor from a mean of sizes to a standard
+    /// deviation.
     const MEDIAN: f64 = 0.67;
     const MEAN: f64 = 1.25;
-    /// Points of the overall deviation that every box has beforehand.
+    /// Number of points with the overall deviation that every box is given beforehand.
     const BEFOREHAND: f64 = 4.0;
     let side = BOX * host.field.cells().side();
     let low = host.low - DVec3::splat(side);
@@ -212,11 +217,11 @@ fn weighted<'a>(
     samples
 }
 
-/// Heights are not trusted to be more exact than this, as a share of the diagonal: a single-precision
-/// coordinate of a file.
+/// Heights are taken to be no more exact than this share of the diagonal: the rounding of a
+/// single-precision coordinate.
 const EXACT: f64 = 1e-7;
 
-/// The name of the box of this side that a point lies in.
+/// The index of the box of side `side` that a point lies in.
 fn box_of(p: DVec3, low: DVec3, side: f64) -> u64 {
     let at = ((p - low) / side).floor().as_ivec3();
     let axis = |x: i32| u64::from(u32::try_from(x.max(0)).unwrap_or(0)) & 0x1f_ffff;

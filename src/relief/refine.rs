@@ -1,5 +1,5 @@
-//! The last digits of a registration: heights see half a degree and a thousandth of the size as long
-//! waves over the host, and say how to take them back.
+//! The last digits of a registration. A remaining turn of half a degree, or a thousandth of the size,
+//! appears in the heights as long waves over the host, from which it is fitted and undone.
 
 use glam::{DQuat, DVec3};
 
@@ -8,29 +8,29 @@ use super::host::ReliefHost;
 use super::regress::{median_size, regress};
 use crate::mesh::surface::Surface;
 
-/// Rounds at the most; two bring half a degree to a hundredth of that.
+/// Largest number of rounds. Two rounds reduce half a degree to a hundredth of it.
 const ROUNDS: usize = 3;
 
-/// Points on triangles that a round looks at.
+/// Points on triangles that a round uses.
 const POINTS: usize = 12_000;
 
-/// Least number of heights that a fit is made of.
+/// Least number of heights of a fit.
 const LEAST: usize = 200;
 
-/// How far off a registration is usually: shares of the diagonal, of the size, and radians.
+/// The usual error of a registration: in shares of the diagonal, in shares of the size, and in radians.
 const EXPECTED: f64 = 5e-4;
 
-/// A motion is kept where it brings the median height to this share of what it was, at least.
+/// A motion is kept where it reduces the median height to at most this share.
 const CLOSER: f64 = 0.9;
 
-/// Moves of the farthest point, as a share of the diagonal, below which nothing is moved any more: a
-/// tenth of the heights that are read.
+/// Motion of the farthest point, as a share of the diagonal, below which the rounds end: a tenth of the
+/// heights that are read.
 const SETTLED: f64 = 5e-6;
 
-/// Moves beyond which a fit is not trusted: what is so far off was not registered.
+/// Motion beyond which a fit is not trusted: a suspect that is so far off was not registered.
 const ASTRAY: f64 = 2e-2;
 
-/// The carriers of a suspect, nearer to where they belong; `None` when stopped.
+/// The carriers of a suspect after refinement; `None` when stopped.
 pub(super) fn refined(
     host: &ReliefHost,
     suspect: &Surface,
@@ -47,7 +47,7 @@ pub(super) fn refined(
         if let Some((was, positions)) = before.take()
             && (heights.len() < LEAST || size > CLOSER * was)
         {
-            // What does not bring the suspect closer is a turn that heights do not settle.
+            // A motion that does not bring the suspect closer is one that heights do not determine.
             return Some(positions);
         }
         if heights.len() < LEAST || round == ROUNDS {
@@ -61,7 +61,8 @@ pub(super) fn refined(
         if most.is_nan() || most > ASTRAY {
             break;
         }
-        // Of a small turn; exact to its square, which the next round sees.
+        // The quaternion of a small turn, exact to the square of the turn; the next round fits the
+        // rest.
         let half = -0.5 * turn;
         before = Some((size, now.clone()));
         let back = DQuat::from_xyzw(half.x, half.y, half.z, 1.0).normalize();

@@ -1,5 +1,5 @@
-//! What is not the mark, taken out of the heights: what is left of the similarity between suspect and
-//! host, and the host's own smoothing displacements.
+//! Takes out of the heights what is not the mark: the remaining similarity between suspect and host,
+//! and the host's own smoothing displacements.
 
 use rayon::prelude::*;
 
@@ -9,26 +9,26 @@ use super::smoothing::ROUNDS;
 use crate::mesh::linear::solve;
 use crate::mesh::powers::squared;
 
-/// Parameters of a similarity: shift, turn, growth.
+/// Parameters of a similarity: shift, turn, scale.
 const SIMILARITY: usize = 7;
 
-/// With one number per smoothing displacement.
+/// These parameters and one number per smoothing displacement.
 pub(super) const TERMS: usize = SIMILARITY + ROUNDS.len();
 
 /// Rounds of reweighting.
 const REWEIGHTINGS: usize = 6;
 
-/// Normal equations are made of blocks of so many points, which are added in order.
+/// Points per block of the normal equations; blocks are added in order.
 const BLOCK: usize = 4096;
 
-/// What a fit left.
+/// What is left after a fit.
 pub(super) struct Rest {
-    /// Heights without what was fitted.
+    /// Heights without the fit.
     pub(super) heights: Vec<f64>,
-    /// A robust estimate of their deviation.
+    /// A robust estimate of the standard deviation of these heights.
     pub(super) deviation: f64,
-    /// The similarity that was fitted: shift (shares of the diagonal), turn and growth, as the terms
-    /// have them; none where the heights do not settle it.
+    /// The similarity that was fitted: shift in shares of the diagonal, turn and change of scale, as
+    /// factors of the terms; `None` where the heights do not determine it.
     pub(super) similarity: Option<[f64; SIMILARITY]>,
 }
 
@@ -95,23 +95,23 @@ fn normal_equations(
     sum
 }
 
-/// Median of sizes; 0 of nothing.
+/// Median of absolute values; 0 of an empty slice.
 pub(super) fn median_size(values: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = values.iter().map(|x| x.abs()).collect();
     let middle = sizes.len() / 2;
     if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
-/// Fits by reweighted least squares (Cauchy weights at two deviations) and takes the fit out. With
-/// `expected`, the parameters of the similarity are held to about that size where the heights do not say
-/// otherwise: a fragment of a sphere does not say how it is turned.
+/// Fits by reweighted least squares, with Cauchy weights at two deviations, and subtracts the fit. With
+/// `expected`, a prior holds the parameters of the similarity to about that size where the heights do
+/// not determine them. A fragment of a sphere, for example, does not determine its rotation.
 pub(super) fn regress(host: &ReliefHost, all: &[Height], expected: Option<f64>) -> Rest {
-    /// Median of sizes to standard deviation, for a normal distribution.
+    /// Factor from the median of absolute values to the standard deviation, for a normal distribution.
     const MEDIAN: f64 = 1.4826;
     let heights: Vec<f64> = all.iter().map(|of| of.above).collect();
     let mut rows: Vec<[f64; TERMS]> =
         all.par_iter().with_min_len(1024).map(|of| row(host, of)).collect();
-    // Terms are brought to one size.
+    // Terms are scaled to one size.
     let mut sizes = [0.0; TERMS];
     for row in &rows {
         for (size, x) in sizes.iter_mut().zip(row) {
@@ -131,7 +131,8 @@ pub(super) fn regress(host: &ReliefHost, all: &[Height], expected: Option<f64>) 
         let weight = |rest: f64| 1.0 / (1.0 + squared(rest / (2.0 * deviation)));
         let (mut a, b) = normal_equations(&rows, &heights, weight, &rest);
         for (i, row) in a.iter_mut().enumerate() {
-            // Terms that say the same (a flat host's) are shared out instead of refused.
+            // A small ridge: linearly dependent terms, as of a flat host, share the fit instead of
+            // making the system singular.
             row[i] = row[i] * (1.0 + 1e-9) + 1e-9 * count;
             if let Some(expected) = expected.filter(|_| i < SIMILARITY) {
                 let size = sizes[i] / count + 1e-30;

@@ -1,5 +1,5 @@
-//! The signs of a mark: one fair, independent sign per cell of the host, from a stream of the mark
-//! key that nothing else is drawn from.
+//! The signs of a mark: one fair, independent sign per cell of the host, from a stream of the mark key
+//! that serves nothing else.
 
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -33,14 +33,14 @@ impl Signs {
         Self((0..cells.div_ceil(64)).map(word).collect())
     }
 
-    /// 1 or -1; cells beyond those that were drawn have none (0).
+    /// The sign of a cell, 1 or -1; 0 for a cell beyond those drawn.
     #[must_use]
     pub fn sign(&self, cell: u32) -> f64 {
         let word = usize::try_from(cell / 64).ok().and_then(|at| self.0.get(at));
         word.map_or(0.0, |word| if word >> (cell % 64) & 1 == 1 { 1.0 } else { -1.0 })
     }
 
-    /// Eight signs at a time, the first in the lowest bit.
+    /// The signs, eight to a byte, the first in the lowest bit.
     pub(super) fn bytes(&self) -> impl Iterator<Item = u8> + '_ {
         self.0.iter().flat_map(|word| word.to_le_bytes())
     }

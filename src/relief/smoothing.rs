@@ -1,5 +1,5 @@
-//! How far smoothing moves each vertex of a host along its normal: what a reading takes out of the
-//! heights of a suspect that was smoothed or re-extracted, so that shrinkage is not read as marks.
+//! How far smoothing moves each vertex of a host along its normal. A reading takes these displacements
+//! out of the heights of a smoothed or re-extracted suspect, so that shrinkage is not read as a mark.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,12 +7,13 @@ use rayon::prelude::*;
 use crate::mesh::stop::{Stop, go_on};
 use crate::mesh::surface::Surface;
 
-/// Rounds of umbrella smoothing (half way to the neighbours' mean) after which displacements are
+/// Rounds of umbrella smoothing, each half-way to the neighbours' mean, after which displacements are
 /// taken (method section 8).
 pub const ROUNDS: [u32; 5] = [1, 4, 12, 30, 60];
 
-/// Neighbours of each vertex, as compressed rows. An edge between two triangles counts twice, one of
-/// a boundary once, so that the sum over the triangles around a vertex is all that is needed.
+/// Neighbours of each vertex, as compressed rows. The neighbour across an edge between two triangles is
+/// listed twice, across a boundary edge once, so that the triangles around a vertex give all
+/// neighbours.
 struct Neighbours {
     starts: Vec<u32>,
     all: Vec<u32>,
@@ -45,7 +46,7 @@ impl Neighbours {
     }
 }
 
-/// Per vertex and number of [`ROUNDS`], the displacement along the normal as a share of `diagonal`;
+/// Per vertex and number of [`ROUNDS`], the displacement along the normal, as a share of `diagonal`;
 /// `None` once `stop` answers `true`.
 pub(super) fn smoothing(
     surface: &Surface,

@@ -10,9 +10,9 @@ use crate::mesh::powers::squared;
 /// Largest trimmed share of the radial extent at each end (paper eq. 4: eps in [0, 0.15]).
 pub const LARGEST_EPS: f64 = 0.15;
 
-/// Fewest vertices whose statistic is taken for a bit; a bin with fewer is an erasure. With
-/// three vertices one stray decides the bit; from four on the closed loop moved every bin of
-/// every mesh it was tried on.
+/// Fewest vertices from which a bit is read; a bin with fewer is an erasure. With three vertices one
+/// stray vertex decides the bit. With four or more, the closed loop moved every bin of every mesh it
+/// was tried on.
 pub const LEAST_COUNT: usize = 4;
 
 /// Vertices per block of the ordered sums below.
@@ -30,7 +30,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The frame with `centre` that `norms` span.
+    /// The frame about `centre` whose range is that of `norms`.
     #[must_use]
     pub fn spanning(centre: DVec3, norms: &[f64]) -> Self {
         let block = |block: &[f64]| {
@@ -56,13 +56,13 @@ pub fn norms(positions: &[DVec3], centre: DVec3) -> Vec<f64> {
     positions.par_iter().with_min_len(BLOCK).map(|&v| (v - centre).length()).collect()
 }
 
-/// The share of the radial extent that a layout class trims at either end.
+/// The share of the radial extent that a layout class trims at each end.
 #[must_use]
 pub fn trimmed_share(class: u8) -> f64 {
     LARGEST_EPS * (f64::from(class) + 0.5) / LAYOUT_CLASSES as f64
 }
 
-/// Where the bins lie: `bins` intervals of `width`, the first from `start`.
+/// Where the bins lie: `bins` intervals of equal `width`, the first from `start`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BinLayout {
     /// Lower end of the first bin.
@@ -75,8 +75,8 @@ pub struct BinLayout {
 
 impl BinLayout {
     /// The bin layout of a class in a frame: `eps = 0.15 (k + 1/2) / 256`, `start = rho_min + eps R`,
-    /// `width = (1 - 2 eps) R / M`. (Eqs. 5-7 print `|O| eps` with `|O|` a vertex count; only
-    /// `eps R` has the right unit, and it reproduces the paper's Table 1.)
+    /// `width = (1 - 2 eps) R / M`. Equations 5 to 7 print `|O| eps`, where `|O|` is a number of
+    /// vertices. Only `eps R` is a length, and it reproduces the paper's Table 1.
     ///
     /// `None` when the frame has no radial extent.
     #[must_use]
@@ -85,7 +85,7 @@ impl BinLayout {
         let eps = trimmed_share(class);
         let width = (1.0 - 2.0 * eps) * extent / bits.get() as f64;
         let start = frame.rho_min + eps * extent;
-        // A width lost in the rounding of `start` cannot tell bins apart.
+        // Where `start + width` rounds to `start`, bins cannot be distinguished.
         (width.is_finite() && start + width > start).then_some(Self {
             start,
             width,
@@ -93,7 +93,7 @@ impl BinLayout {
         })
     }
 
-    /// The bin of a norm and its place in the bin, `t` in [0, 1); `None` outside the bin layout.
+    /// The bin of a norm and the place `t` of the norm in that bin, in [0, 1); `None` outside all bins.
     #[must_use]
     pub fn locate(&self, rho: f64) -> Option<(usize, f64)> {
         let x = (rho - self.start) / self.width;
@@ -114,12 +114,13 @@ impl BinLayout {
     }
 }
 
-/// What a bin says.
+/// The statistic of one bin.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct BinStatistic {
     /// Vertices in the bin.
     pub count: usize,
-    /// Mean of `t` (mean) or of `(2t - 1)^2` (variance); 0 when the bin is empty.
+    /// Modulation mean: mean of `t`. Modulation variance: mean of `(2t - 1)^2`. 0 when the bin is
+    /// empty.
     pub value: f64,
 }
 
@@ -140,7 +141,7 @@ pub fn contribution(modulation: Modulation, t: f64) -> f64 {
     }
 }
 
-/// The statistics of all bins (paper eq. 8 and 12), the same bits on any number of threads.
+/// The statistics of all bins (paper eq. 8 and 12), the same to the bit on any number of threads.
 #[must_use]
 pub fn statistics(norms: &[f64], layout: &BinLayout, modulation: Modulation) -> Vec<BinStatistic> {
     let block = |block: &[f64]| {

@@ -1,4 +1,4 @@
-//! Whether a mesh carries its codeword: the judgement of a reading, and the refusal with counts.
+//! Whether a mesh carries its codeword: readings are judged, and refusals report counts.
 
 use super::bins::{Frame, LEAST_COUNT};
 use super::detection::extract::Reading;
@@ -8,12 +8,12 @@ use super::{Codeword, WatermarkError};
 /// single precision could turn it.
 const LEAST_MARGIN: f64 = 0.1;
 
-/// A mesh whose norms differ by less than this share of the largest has no bins to speak of:
-/// a bin of 64 would be thinner than 1.6e-5 of the object.
+/// A mesh whose norms differ by less than this share of the largest has no usable bins: a bin of 64
+/// would be thinner than 1.6e-5 of the object.
 const LEAST_EXTENT: f64 = 1e-3;
 
-/// Readable bins that a mark of many bits needs: 2^-40 is below the match threshold of 1e-9
-/// with a thousand hypotheses counted. A mark of fewer bits needs them all.
+/// Least number of readable bins of a mark. 2^-40 is below the match threshold of 1e-9 with a thousand
+/// hypotheses counted. A mark of fewer bits needs all of its bins.
 const LEAST_USABLE_BINS: usize = 40;
 
 /// How many bins of a mark with `bits` bits must be readable.
@@ -27,9 +27,9 @@ pub fn needed_bins(bits: usize) -> usize {
 pub struct Judgement {
     /// Bins that read their bit.
     pub right: usize,
-    /// Bins with enough vertices that do not.
+    /// Bins that are no erasures and do not read their bit.
     pub wrong: usize,
-    /// The smallest margin of both.
+    /// The smallest margin of both kinds.
     pub smallest_margin: f64,
 }
 
@@ -38,7 +38,7 @@ pub struct Judgement {
 pub struct Judge<'a> {
     /// The bits that the bins must read.
     pub codeword: &'a Codeword,
-    /// The strength asked for.
+    /// The requested strength.
     pub strength: f64,
     /// Carrier vertices of the mesh, for the refusal.
     pub vertices: usize,
@@ -60,7 +60,8 @@ impl Judge<'_> {
         })
     }
 
-    /// Refuses, before any work, a host whose bins are too poor. `reading` is the host's own.
+    /// Refuses, before any work, a host with too few readable bins. `reading` is that of the unmarked
+    /// host.
     ///
     /// # Errors
     /// [`WatermarkError::InsufficientCapacity`].

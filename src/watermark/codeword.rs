@@ -1,8 +1,7 @@
 //! Keys and messages to codewords: which bit each bin carries, and where the bins lie.
 //!
-//! Marks outlive versions (invariant I5): everything here is built from raw `ChaCha20`
-//! words with a shuffle of its own, and golden vectors pin it. It must never change for scheme
-//! version 1.
+//! Marks outlive versions (invariant I5). Everything here is built from raw `ChaCha20` words with its
+//! own shuffle, pinned by golden vectors, and must never change for scheme version 1.
 
 use std::fmt;
 
@@ -15,7 +14,7 @@ use super::{BitCount, WatermarkError};
 /// Number of layout classes: how many values the trimmed share eps can take.
 pub const LAYOUT_CLASSES: usize = 256;
 
-/// The 32-byte secret of one mark, derived from the service's master key. Shown by nothing and
+/// The 32-byte secret of one mark, derived from the service's master key. It is never shown and is
 /// wiped when dropped.
 #[derive(Clone, Zeroize, ZeroizeOnDrop)]
 pub struct MarkKey([u8; 32]);
@@ -27,12 +26,12 @@ impl MarkKey {
         Self(bytes)
     }
 
-    /// The bytes, for layers that draw from streams of their own.
+    /// The bytes, for layers that draw from their own streams.
     pub(crate) fn bytes(&self) -> &[u8; 32] {
         &self.0
     }
 
-    /// Reads 64 hexadecimal digits, of either case.
+    /// Reads 64 hexadecimal digits of either case.
     ///
     /// # Errors
     /// [`WatermarkError::KeyNotHex`].
@@ -49,8 +48,8 @@ impl fmt::Debug for MarkKey {
     }
 }
 
-/// The M bits that a mark carries, as its owner knows them: most significant bit of the first
-/// byte first.
+/// The M bits that a mark carries, as its owner knows them. The most significant bit of the first byte
+/// comes first.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Message(Vec<bool>);
 
@@ -58,8 +57,8 @@ impl Message {
     /// The bits of `bytes`, filled up with zero bits at the end.
     ///
     /// # Errors
-    /// [`WatermarkError::MessageTooLong`] when `bytes` has more than `bits` bits; bits beyond the
-    /// last whole byte of a mark whose size is no multiple of eight may be given when zero.
+    /// [`WatermarkError::MessageTooLong`] when `bytes` has more than `bits` bits. Where `bits` is no
+    /// multiple of eight, the unused bits of the last byte may be given if they are zero.
     pub fn from_bytes(bytes: &[u8], bits: BitCount) -> Result<Self, WatermarkError> {
         let bits = bits.get();
         let mut all: Vec<bool> =
@@ -95,10 +94,10 @@ impl Message {
         Ok(Self(bits))
     }
 
-    /// How many bits.
+    /// Number of bits.
     #[must_use]
     pub fn bit_count(&self) -> BitCount {
-        // The constructors let no other length in.
+        // The constructors admit no other length.
         u32::try_from(self.0.len()).ok().and_then(|n| BitCount::new(n).ok()).unwrap_or_default()
     }
 
@@ -126,7 +125,7 @@ impl Message {
     }
 }
 
-/// What a mark key says about a mark of M bits: where the bins lie and how message bits map to
+/// What a mark key determines about a mark of M bits: where the bins lie and how message bits map to
 /// bins. The order of the draws from the key's `ChaCha20` stream is fixed: class, permutation,
 /// whitening.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -163,8 +162,8 @@ impl Schedule {
     }
 }
 
-/// A uniform number below `bound` (at most 256) from whole words: words of the last, incomplete
-/// block of `bound` are drawn again, so that no value is favoured.
+/// A uniform number below `bound` (at most 256) from whole words. Words of the last, incomplete block
+/// of `bound` are drawn again, so that no value is likelier than another.
 fn below(stream: &mut ChaCha20Rng, bound: usize) -> usize {
     let bound = u32::try_from(bound).unwrap_or(u32::MAX).max(1);
     let limit = u32::MAX - u32::MAX % bound;
@@ -204,18 +203,20 @@ impl Codeword {
         Self { layout_class: schedule.layout_class, bits: codeword }
     }
 
-    /// All bins alike: what the matched filter asks a host about. No mark carries it.
+    /// The same bit in all bins, from which the matched filter computes displacements of a host. No
+    /// mark carries this codeword.
     #[must_use]
     pub fn uniform(layout_class: u8, bits: BitCount, bit: bool) -> Self {
         Self { layout_class, bits: vec![bit; bits.get()] }
     }
 
-    /// What stands for any codeword where something about a host must not depend on one: fixed bits that
-    /// look random, on a fixed bin layout. `number` names one of several. No mark carries them.
+    /// A stand-in for the record's codeword where something about a host must not depend on that
+    /// codeword: fixed bits that look random, on a fixed bin layout. `number` selects one of several.
+    /// No mark carries this codeword.
     ///
-    /// The bin layouts are a sixth and half of the way from the widest bins to the narrowest. The widest of
-    /// all are untypical: their last bins hold the few vertices at the ends of the radial range and cost
-    /// up to three times as much with one codeword as with another.
+    /// The bin layouts are a sixth and half of the way from the widest bins to the narrowest. The
+    /// widest bins are not typical: their last bins hold the few vertices at the ends of the radial
+    /// range and cost up to three times as much with one codeword as with another.
     #[must_use]
     pub fn probe(bits: BitCount, number: u8) -> Self {
         let fixed = MarkKey([0x70_u8.wrapping_add(number); 32]);
@@ -223,16 +224,16 @@ impl Codeword {
         Self { layout_class, bits: std::mem::take(&mut Schedule::new(&fixed, bits).whitening) }
     }
 
-    /// Where the bins lie.
+    /// The layout class, which determines where the bins lie.
     #[must_use]
     pub fn layout_class(&self) -> u8 {
         self.layout_class
     }
 
-    /// How many bins.
+    /// Number of bits, which is the number of bins.
     #[must_use]
     pub fn bit_count(&self) -> BitCount {
-        // As long as the message it was made from.
+        // The codeword is as long as the message it was made from.
         u32::try_from(self.bits.len()).ok().and_then(|n| BitCount::new(n).ok()).unwrap_or_default()
     }
 

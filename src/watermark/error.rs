@@ -1,4 +1,4 @@
-//! Everything that the watermark core can refuse, one variant per cause.
+//! The errors of the watermark core, one variant per cause.
 
 /// Why a mesh cannot be marked or read, or a parameter is out of its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -41,9 +41,9 @@ pub enum WatermarkError {
     InsufficientCapacity {
         /// Bins that read their bit.
         usable: usize,
-        /// Bins that must.
+        /// Bins that must read their bit.
         needed: usize,
-        /// Bins asked for.
+        /// Bins requested.
         bits: usize,
         /// Carrier vertices of the mesh.
         vertices: usize,
@@ -54,7 +54,7 @@ pub enum WatermarkError {
         /// What stands in the way.
         reason: &'static str,
     },
-    /// All carrier vertices are at the same distance from the centre (or there are none).
+    /// All carrier vertices are at the same distance from the centre, or there is no carrier vertex.
     #[error(
         "no radial extent: the {vertices} carrier vertices are all at the same distance from the \
          centre, so nothing can be carried or read there"

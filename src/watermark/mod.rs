@@ -1,7 +1,7 @@
 //! The watermark: from keys to codewords, from codewords to moved vertices, and back.
 //!
-//! Pure and deterministic to the bit on any number of threads. This module must not know about
-//! files, HTTP, the registry, clocks or random sources: keys and messages come in as values.
+//! Pure and deterministic to the bit on any number of threads. This module must not know about files,
+//! HTTP, the registry, clocks or random sources. Keys and messages come in as values.
 
 pub mod bins;
 mod capacity;

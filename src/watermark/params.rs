@@ -1,4 +1,4 @@
-//! The choices of an embedding: method, strength, number of bits. Each type owns its range.
+//! The parameters of an embedding: method, strength, number of bits. Each type checks its range.
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,7 +15,7 @@ pub enum Modulation {
 }
 
 impl Modulation {
-    /// What the statistic is when the norms fill the bin evenly.
+    /// The statistic of a bin that norms fill evenly.
     #[must_use]
     pub fn neutral(self) -> f64 {
         match self {
@@ -135,8 +135,8 @@ impl Method {
     }
 }
 
-/// `exact-mean`: a third of `qsp-mean`'s distortion, and of the `exact` methods the one that at equal
-/// distortion survives more (`benches/metro/robustness.py`).
+/// `exact-mean`: a third of the distortion of `qsp-mean`, and of the two `exact` methods the one that
+/// survives more at equal distortion (`benches/metro/robustness.py`).
 impl Default for Method {
     fn default() -> Self {
         Self::ExactMean
@@ -164,20 +164,22 @@ fn shortened(text: &str) -> String {
 
 /// How far a bin's statistic is moved from neutral (the paper's alpha): 0.01 to 0.25.
 ///
-/// Below 0.01 a bit drowns in the sampling noise of its bin; above 0.25 the power map empties
+/// Below 0.01 a bit is lost in the sampling noise of its bin; above 0.25 the power map empties
 /// most of the bin.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 pub struct Strength(f64);
 
 impl Strength {
-    /// The strongest there is.
+    /// The largest strength.
     pub const MAX: Self = Self(0.25);
 
-    /// What is usual beside a relief: the blind layer then has to survive conversions, moves and mild
-    /// noise alone, and vertex by vertex strong noise. It costs half of what 0.15 costs, and settles in few
-    /// rounds.
+    /// The usual strength beside a relief. The blind layer then has to survive only conversions, moves
+    /// and mild noise, and with the matched filter strong noise. This strength costs half of what 0.15
+    /// costs, and the closed loop settles in few rounds.
     pub const BESIDE_A_RELIEF: Self = Self(0.1);
 
+    /// The strength `alpha`, if it is in range.
+    ///
     /// # Errors
     /// [`WatermarkError::StrengthOutOfRange`], also for NaN.
     pub fn new(alpha: f64) -> Result<Self, WatermarkError> {
@@ -203,11 +205,13 @@ impl Default for Strength {
     }
 }
 
-/// How many bits a mark carries (the paper's M, also the number of bins): 16 to 256.
+/// Number of bits that a mark carries (the paper's M, also the number of bins): 16 to 256.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct BitCount(u16);
 
 impl BitCount {
+    /// The number `bits`, if it is in range.
+    ///
     /// # Errors
     /// [`WatermarkError::BitsOutOfRange`].
     pub fn new(bits: u32) -> Result<Self, WatermarkError> {
@@ -235,17 +239,17 @@ impl fmt::Display for BitCount {
     }
 }
 
-/// What an embedding is asked for.
+/// The parameters of one embedding.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EmbedParams {
     /// Modulation and placement.
     pub method: Method,
     /// How far the statistics move.
     pub strength: Strength,
-    /// How many bits.
+    /// Number of bits.
     pub bits: BitCount,
-    /// Repeat until the blind reader reads every bit (method section 5); otherwise the paper's
-    /// single pass, which does not check itself.
+    /// Repeat until the blind reader reads every bit (method section 5). Otherwise the paper's single
+    /// pass, which is not checked.
     pub closed_loop: bool,
 }
 

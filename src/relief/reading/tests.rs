@@ -54,7 +54,7 @@ fn a_mark_is_read_whole_in_part_and_a_little_off_and_nothing_from_the_host() {
         let part: Vec<[u32; 3]> = case.marked.triangles.iter().copied().take(1600).collect();
         let part = surface(case.marked.positions.clone(), &part);
         assert!(log10(&case, &part) < -12.0, "{sample}");
-        // As registration leaves it: half a degree, 0.2 % of the diagonal and of the size.
+        // Off as registration leaves it: half a degree, 0.2 % of the diagonal and of the size.
         let diagonal = case.host.field().diagonal();
         let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -1.0).normalize(), 0.0087);
         let shift = 0.001 * diagonal * DVec3::new(1.0, -1.0, 1.0);

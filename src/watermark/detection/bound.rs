@@ -1,38 +1,37 @@
 //! The false-positive bound of a score (method sections 7 and 9): the tail of a sum of weights with
-//! fair signs. It needs no model of meshes, for a codeword is drawn uniformly and independently of
-//! the suspect: whatever the suspect's bins say, each of their signs agrees with a fresh codeword
-//! with probability one half. Must not know where weights come from.
+//! fair signs. The bound needs no model of meshes, because a codeword is drawn uniformly and
+//! independently of the suspect. Whatever the suspect's bins read, each of their signs agrees with a
+//! fresh codeword with probability one half. Must not know where weights come from.
 //!
-//! **The tail is a count.** Let `w_i > 0` be the sizes of the `n` weights that are not zero and `W`
-//! their sum. A score is `W - 2 D`, where `D` is the sum of the weights whose signs disagree, and so
-//! `P(score >= t) = P(D <= d)` with `d = (W - t) / 2`: the number of subsets of the weights whose
-//! sum is at most `d`, divided by `2^n`.
+//! **The tail is a count.** Let `w_i > 0` be the sizes of the `n` nonzero weights and `W` their sum. A
+//! score is `W - 2 D`, where `D` is the sum of the weights whose signs disagree. So
+//! `P(score >= t) = P(D <= d)` with `d = (W - t) / 2`: the number of subsets of the weights whose sum
+//! is at most `d`, divided by `2^n`.
 //!
-//! **Never below it.** For a grid `g > 0` let `k_i = floor(w_i / g)` and `K = floor(d / g)`. A subset
-//! whose weights sum to at most `d` has `sum k_i <= sum w_i / g <= d / g`, and `sum k_i` is whole, so
-//! it is at most `K`. So at least as many subsets of the `k_i` have a sum of at most `K`, and these
-//! are counted, weight by weight. A weight below `g` has `k_i = 0`: both of its signs are counted,
-//! so agreement of what might as well have disagreed is no evidence.
+//! **Never below the tail.** For a grid `g > 0` let `k_i = floor(w_i / g)` and `K = floor(d / g)`. A
+//! subset whose weights sum to at most `d` has `sum k_i <= sum w_i / g <= d / g`. The sum of the `k_i`
+//! is whole, so it is at most `K`. So at least as many subsets of the `k_i` have a sum of at most `K`,
+//! and these are counted, weight by weight. A weight below `g` has `k_i = 0`. Both of its signs are
+//! counted, so its agreement is no evidence.
 //!
-//! **Monotone.** Grids are halved again and again, and the one for `d` is the coarsest that divides
-//! it into more than [`STEPS`] `/ 2` a weight. With `g / 2` in the place of `g`, `k_i` at least
-//! doubles, so that `sum k_i' <= floor(2 d / g)` entails `sum k_i <= floor(d / g)`: a finer grid
-//! counts no more. And on one grid the count grows with `d`.
+//! **Monotone.** Grids are halved repeatedly. The grid for `d` is the coarsest that divides `d` into
+//! more than [`STEPS`] `/ 2` steps per weight. With `g / 2` in place of `g`, `k_i` at least doubles, so
+//! that `sum k_i' <= floor(2 d / g)` entails `sum k_i <= floor(d / g)`: a finer grid counts no more. On
+//! one grid the count grows with `d`.
 //!
 //! **Never above Chernoff's bound.** The smaller of the two is taken, at the same `d`.
 //!
-//! **Rounding of floating point.** `t` may itself be a rounded sum of the weights, and `W` is: in
-//! whichever order `n` numbers are added, the sum is off by at most `(n - 1) u` of `W` with
-//! `u = 2^-53` (to first order). So `d` is off by at most `(n + 1) u W`, also where `t` is compared
-//! with a rounded score; [`Tail::d`] adds twice that. All weights are first multiplied by the power
-//! of two that brings the largest to [1/2, 1), which is exact; what then is below 2^-200 counts as
-//! zero, which is rounding down. The largest weight, rounded down to 24 bits, is a whole number of
-//! grid steps, so that products of a step with whole numbers below 2^29 are exact, and floors are
-//! settled by such products. Counts are sums of at most `n + STEPS n` rounded additions of numbers
-//! that are not negative, and so off by less than 1e-11 of themselves; logarithms by less than
-//! that. [`MARGIN`] is added to every result. No count can underflow; above 2^1023 (of more
-//! than a thousand weights) it is infinite, and Chernoff's bound is what is left. Of more than
-//! [`MOST_COUNTED`] weights nothing is counted.
+//! **Rounding of floating point.** `W` is a rounded sum of the weights, and `t` may be one. In
+//! whichever order `n` numbers are added, the sum is off by at most `(n - 1) u` of `W` with `u = 2^-53`
+//! (to first order). So `d` is off by at most `(n + 1) u W`, also where `t` is compared with a rounded
+//! score; [`Tail::d`] adds twice that. All weights are first multiplied by the power of two that brings
+//! the largest to [1/2, 1), which is exact. A weight below 2^-200 then counts as zero, which is
+//! rounding down. The largest weight, rounded down to 24 bits, is a whole number of grid steps.
+//! Products of a step with whole numbers below 2^29 are therefore exact, and such products settle every
+//! floor. Counts are sums of at most `n + STEPS n` rounded additions of nonnegative numbers, and so off
+//! by less than 1e-11 of themselves; logarithms are off by less than that. [`MARGIN`] is added to every
+//! result. No count can underflow. Above 2^1023, with more than a thousand weights, a count is
+//! infinite, and Chernoff's bound is left. Of more than [`MOST_COUNTED`] weights nothing is counted.
 
 mod chernoff;
 
@@ -41,16 +40,16 @@ use std::f64::consts::{LN_10, LOG10_2, LOG10_E};
 
 pub use chernoff::{least_chernoff_score, log10_chernoff};
 
-/// Grid steps in `d`, per weight, at the most. A subset of `m` weights is counted as up to `m` steps
-/// smaller than it is. For 64 capped random weights that costs 0.03 decades at the most, for 256
-/// it costs 0.1 (`cargo bench --bench bound`); twice the steps cost twice the time and save half of that.
+/// Most grid steps in `d`, per weight. A subset of `m` weights is counted as up to `m` steps smaller
+/// than it is. This costs at most 0.03 decades for 64 capped random weights and 0.1 for 256
+/// (`cargo bench --bench bound`). Twice the steps cost twice the time and save half of that.
 const STEPS: usize = 48;
 
-/// More weights than this are left to Chernoff's bound: counting takes time with their square, and
-/// counts overflow soon after.
+/// More weights than this are left to Chernoff's bound: the time of counting grows with their square,
+/// and counts overflow soon after.
 const MOST_COUNTED: usize = 1024;
 
-/// What rounding may take from a logarithm: more than all errors named above.
+/// What rounding may take from a logarithm: more than all errors named in the module's documentation.
 const MARGIN: f64 = 1e-11;
 
 /// Weights smaller than this share of the largest count as zero.
@@ -59,21 +58,22 @@ const NOTHING: f64 = 6.223_015_277_861_142e-61; // 2^-200
 /// Steps in the largest weight when scores are sieved.
 const SIEVE_STEPS: f64 = 16.0;
 
-/// The bound as a function of the score, for weights that are asked about more than once: what is
-/// counted for one score serves all that share its grid.
+/// The bound as a function of the score, for several scores of the same weights. What is counted for
+/// one score serves all scores on the same grid.
 #[derive(Debug, Clone)]
 pub struct Tail {
     /// Ascending, none zero, the largest in [1/2, 1).
     weights: Vec<f64>,
-    /// What scores are multiplied by, a power of two.
+    /// Binary exponent of the power of two by which scores are multiplied.
     exponent: i32,
     total: f64,
-    /// By number of halvings: subsets whose sum is at most so many steps.
+    /// By number of halvings and then of steps: the number of subsets whose sum is at most that many
+    /// steps.
     counts: BTreeMap<i32, Vec<f64>>,
 }
 
 impl Tail {
-    /// Weights enter by their size; zeros are erasures. A weight that is no finite number makes all
+    /// Weights enter by their size; zeros are erasures. A weight that is not a finite number makes all
     /// bounds 1.
     #[must_use]
     pub fn new(weights: &[f64]) -> Self {
@@ -86,7 +86,7 @@ impl Tail {
         Self { weights, exponent, total, counts: BTreeMap::new() }
     }
 
-    /// An upper bound on `(W - t) / 2`; `None` where nothing is to be said against chance.
+    /// An upper bound on `(W - t) / 2`; `None` where the bound of the probability is 1.
     fn d(&self, t: f64) -> Option<f64> {
         let t = libm::scalbn(t, self.exponent);
         let slack = (self.weights.len() as f64 + 2.0) * f64::EPSILON * self.total;
@@ -155,7 +155,7 @@ fn sums(steps: &[usize], limit: usize) -> Vec<f64> {
     let mut counts = vec![0.0; limit + 1];
     let mut next = counts.clone();
     counts[0] = 1.0;
-    // Sums of what has been counted so far reach so far.
+    // The largest sum of the weights counted so far.
     let mut reach = 0;
     for &k in steps.iter().filter(|&&k| k <= limit) {
         let (old, most) = (reach, (reach + k).min(limit));
@@ -175,19 +175,20 @@ fn sums(steps: &[usize], limit: usize) -> Vec<f64> {
     counts
 }
 
-/// A score below which every bound that is never below the true tail, such as [`log10_tail`], is
-/// above `log10_bound`: no record that scores less can be reported. `None` when no score reaches
-/// that bound; 0 when any may.
+/// A score below which every bound is above `log10_bound`, for every bound that is never below the true
+/// tail, such as [`log10_tail`]. No record with a lower score can be reported. `None` when no score
+/// reaches `log10_bound`; 0 when any score may.
 ///
-/// Weights are rounded *up* to whole steps here: a subset of these whose sum is at most `K` steps is
-/// one of the weights whose sum is at most `K` steps, so there are at least as many of the latter.
-/// `K` is the largest for which the former are no more than `log10_bound` allows; a reported record
-/// has `d` below `K + 1` steps. Few steps serve, for who passes is looked at exactly.
+/// Weights are rounded *up* to whole steps here. A subset whose rounded sum is at most `K` steps has a
+/// true sum of at most `K` steps, so no fewer subsets of the weights than of the rounded weights are
+/// within `K` steps. `K` is the largest for which the count of the rounded weights is no more than
+/// `log10_bound` allows. A reported record has `d` below `K + 1` steps. Few steps suffice, because a
+/// record that passes is scored exactly.
 #[must_use]
 pub fn least_score(weights: &[f64], log10_bound: f64) -> Option<f64> {
     let Tail { weights, exponent, total, .. } = Tail::new(weights);
     let n = weights.len() as f64;
-    // With something to spare for what [`MARGIN`] is for.
+    // Includes slack for the errors that [`MARGIN`] covers.
     let allowed = log10_bound + n * LOG10_2 + 10.0 * MARGIN;
     if log10_bound >= 0.0 || !total.is_finite() {
         return Some(0.0);
@@ -196,7 +197,7 @@ pub fn least_score(weights: &[f64], log10_bound: f64) -> Option<f64> {
         return None;
     }
     let allowed = libm::exp(allowed * LN_10);
-    // Rounded up to so many bits that the largest is a whole number of steps.
+    // Rounded up to 24 bits, so that the largest weight is a whole number of steps.
     let step = (unit(&weights) + f64::EPSILON * 268_435_456.0) / SIEVE_STEPS;
     let limit = floor(0.5 * total, step, 1 << 20);
     let up = |&w: &f64| floor(w, step, 1 << 20) + 1 - usize::from(is_whole(w, step));

@@ -1,5 +1,5 @@
-//! Blind reading: bits from a mesh and its mark key alone, with no expectation of what they are
-//! (paper section 4, eq. 21-22).
+//! Blind reading: bits from a mesh and its mark key alone, with no expectation of their values (paper
+//! section 4, eq. 21-22).
 
 use crate::mesh::Mesh;
 use crate::mesh::stop::{Stop, go_on, never};
@@ -8,7 +8,7 @@ use crate::watermark::bins::{BinLayout, BinStatistic, Frame, norms, statistics};
 use crate::watermark::codeword::Schedule;
 use crate::watermark::{BitCount, MarkKey, Message, Modulation, WatermarkError};
 
-/// The bins of a surface as one bin layout sees them.
+/// The statistics of a surface in one bin layout.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     /// The frame that was assumed.
@@ -40,7 +40,8 @@ impl Reading {
         Some(statistic.value - self.modulation.neutral())
     }
 
-    /// How far a bin is beyond neutral on the side of `bit`; negative when it reads wrong.
+    /// How far a bin's statistic is beyond neutral on the side of `bit`; negative when it reads the
+    /// other bit.
     #[must_use]
     pub fn margin(&self, bin: usize, bit: bool) -> Option<f64> {
         self.deviation(bin).map(|d| if bit { d } else { -d })
@@ -64,7 +65,7 @@ impl Reading {
 pub struct Extraction {
     /// Per message bit its value, or `None` where its bin is an erasure.
     pub bits: Vec<Option<bool>>,
-    /// Per message bit, how far its bin is from neutral (at least 0; 0 for an erasure).
+    /// Per message bit, how far its bin's statistic is from neutral (at least 0; 0 for an erasure).
     pub margins: Vec<f64>,
     /// Per message bit, the vertices in its bin.
     pub counts: Vec<usize>,
@@ -96,7 +97,7 @@ pub fn extract(
     extract_from_surface(&Surface::new(mesh), key, bits, modulation)
 }
 
-/// As [`extract`], from a surface that is already welded.
+/// As [`extract`], from a welded surface.
 ///
 /// # Errors
 /// As [`extract`].
@@ -109,7 +110,7 @@ pub fn extract_from_surface(
     extract_until(surface, key, bits, modulation, &never)
 }
 
-/// The same, as long as `stop` answers `false`.
+/// As [`extract_from_surface`], as long as `stop` answers `false`.
 ///
 /// # Errors
 /// Also [`WatermarkError::Cancelled`].
@@ -131,7 +132,7 @@ pub fn extract_until(
         let whitened = schedule.whitening.get(bin).copied().unwrap_or_default();
         let count = reading.statistics.get(bin).map_or(0, |s| s.count);
         let deviation = reading.deviation(bin);
-        // A statistic of exactly neutral says nothing.
+        // A statistic of exactly neutral carries no bit.
         let bit = deviation.filter(|&d| d != 0.0).map(|d| (d > 0.0) ^ whitened);
         (bit, deviation.unwrap_or(0.0).abs(), count)
     };

@@ -1,5 +1,6 @@
-//! The radial profile of a suspect: its norms about one centre, sorted, with prefix sums, so that
-//! the statistics of all bins of any bin layout cost 2 M binary searches whatever the mesh size.
+//! The radial profile of a suspect: its norms about one centre, sorted, with prefix sums. The
+//! statistics of all bins of any bin layout then cost 2 M binary searches, whatever the size of the
+//! mesh.
 //!
 //! Must not know how centres and bin layouts are chosen.
 
@@ -14,8 +15,8 @@ use crate::watermark::{BitCount, Modulation, SoftBits};
 pub struct Profile {
     frame: Frame,
     sorted: Vec<f64>,
-    /// Sums over the first k sorted norms of `rho - middle` and its square; the middle of the
-    /// norms is subtracted so that nothing cancels.
+    /// Sums of `rho - middle` and of its square over the first k sorted norms. The middle of the norms
+    /// is subtracted to avoid cancellation.
     sums: Vec<[f64; 2]>,
     middle: f64,
 }
@@ -27,7 +28,7 @@ impl Profile {
         unstopped(|stop| Self::new_until(positions, frame, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// As [`Self::new`]; `None` once `stop` answers `true`.
     #[must_use]
     pub fn new_until(positions: &[DVec3], frame: Frame, stop: Stop<'_>) -> Option<Self> {
         Self::of_norms(norms(positions, frame.centre), frame, stop)
@@ -39,7 +40,7 @@ impl Profile {
         unstopped(|stop| Self::about_until(positions, centre, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// As [`Self::about`]; `None` once `stop` answers `true`.
     #[must_use]
     pub fn about_until(positions: &[DVec3], centre: DVec3, stop: Stop<'_>) -> Option<Self> {
         let norms = norms(positions, centre);
@@ -49,7 +50,8 @@ impl Profile {
 
     fn of_norms(norms: Vec<f64>, frame: Frame, stop: Stop<'_>) -> Option<Self> {
         let norms = sorted(norms, stop, f64::total_cmp)?;
-        // Of the norms, not of the frame: a stray point far off must not cost the others digits.
+        // The middle is taken from the norms, not from the frame: one distant stray point must not cost
+        // the other norms digits.
         let middle = norms.get(norms.len() / 2).copied().unwrap_or(0.0);
         let mut sums = Vec::with_capacity(norms.len() + 1);
         let mut sum = [0.0, 0.0];
@@ -109,8 +111,8 @@ impl Profile {
             .collect()
     }
 
-    /// How far the statistics of a layout class are above neutral in this frame, `None` for
-    /// erasures.
+    /// Per bin of a layout class in this frame, how far its statistic is above neutral; `None` for an
+    /// erasure.
     #[must_use]
     pub fn bins(&self, class: u8, bits: BitCount, modulation: Modulation) -> Vec<Option<f64>> {
         let Some(layout) = BinLayout::new(&self.frame, class, bits) else {

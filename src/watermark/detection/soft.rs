@@ -1,6 +1,6 @@
-//! Soft bits: per bin a sign and a weight, and how well a codeword fits them.
+//! Soft bits: a sign and a weight per bin, and how well a codeword fits them.
 //!
-//! Nothing here that enters a weight may depend on a codeword: the bound rests on that.
+//! No weight here may depend on a codeword: the bound rests on that (I4).
 
 use super::bound::Tail;
 use crate::watermark::bins::BinStatistic;
@@ -28,10 +28,10 @@ impl SoftBits {
     /// `z_i = sqrt(n_i) (statistic - neutral)`, `w_i = min(|z_i|, median |z|)`: the cap keeps a
     /// few crowded bins from outvoting all others.
     ///
-    /// Eight other rules were measured on horse and nefertiti under smoothing, noise and
-    /// quantisation (caps of half and twice the median, none, `tanh`, roots, the deviation alone,
-    /// the deviation times `n / (n + 50)` or `n / (n + 200)`): none is better by more than 0.2
-    /// decades anywhere, and each is worse somewhere.
+    /// Eight other rules were measured on horse and nefertiti under smoothing, noise and quantisation:
+    /// caps of half and twice the median, no cap, `tanh`, roots, the deviation alone, and the deviation
+    /// times `n / (n + 50)` or `n / (n + 200)`. None is better by more than 0.2 decades anywhere, and
+    /// each is worse somewhere.
     #[must_use]
     pub fn new(statistics: &[BinStatistic], modulation: Modulation) -> Self {
         let z: Vec<f64> = statistics
@@ -44,7 +44,8 @@ impl SoftBits {
         Self::weighted(z)
     }
 
-    /// From `z_i`, positive for a one, zero for an erasure; what is no number counts as one.
+    /// Soft bits from `z_i`, positive for a one, negative for a zero, 0 for an erasure. A value that is
+    /// not finite counts as an erasure.
     #[must_use]
     pub fn weighted(mut z: Vec<f64>) -> Self {
         for z in &mut z {
@@ -60,7 +61,7 @@ impl SoftBits {
         Self { signed_weights: z.iter().map(|z| z.clamp(-cap, cap)).collect() }
     }
 
-    /// Signed weights as they are: those of another detector.
+    /// Signed weights of another detector, taken unchanged.
     #[must_use]
     pub fn from_signed(signed_weights: Vec<f64>) -> Self {
         Self { signed_weights }
@@ -89,14 +90,14 @@ impl SoftBits {
         &self.signed_weights
     }
 
-    /// Decimal logarithm of a bound on the probability that a codeword drawn at random scores
-    /// `t` or more: one hypothesis, nothing counted yet.
+    /// Decimal logarithm of a bound on the probability that a codeword drawn at random scores `t` or
+    /// more, for one hypothesis and without charges.
     #[must_use]
     pub fn log10_bound(&self, t: f64) -> f64 {
         self.tail().log10_at(t)
     }
 
-    /// The same for many scores.
+    /// The bound of [`Self::log10_bound`] for many scores.
     #[must_use]
     pub fn tail(&self) -> Tail {
         Tail::new(&self.signed_weights)

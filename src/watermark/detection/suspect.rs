@@ -1,4 +1,4 @@
-//! A suspect: a surface, and what a blind reader sees of it.
+//! A suspect: a surface, and what a blind reader observes of it.
 
 use super::profile::Profile;
 use crate::mesh::Mesh;
@@ -7,7 +7,7 @@ use crate::mesh::surface::Surface;
 use crate::watermark::bins::{BinLayout, BinStatistic, Frame, norms, statistics};
 use crate::watermark::{BitCount, Modulation, SoftBits, WatermarkError};
 
-/// A surface with its profile in its own, blind frame.
+/// A surface with its profile in its own frame, the blind one.
 #[derive(Debug, Clone)]
 pub struct Suspect {
     surface: Surface,
@@ -15,7 +15,7 @@ pub struct Suspect {
 }
 
 impl Suspect {
-    /// The suspect in its own frame.
+    /// The suspect, read in its own frame.
     ///
     /// # Errors
     /// [`WatermarkError::NoRadialExtent`].
@@ -23,7 +23,7 @@ impl Suspect {
         Self::new_until(mesh, &never)
     }
 
-    /// The same, as long as `stop` answers `false`.
+    /// As [`Self::new`], as long as `stop` answers `false`.
     ///
     /// # Errors
     /// Also [`WatermarkError::Cancelled`].
@@ -39,8 +39,8 @@ impl Suspect {
         }
     }
 
-    /// The soft bits of a layout class in a known frame, in place: the frame's centre and range
-    /// instead of its own. One pass over the norms; all erasures where the frame has no extent.
+    /// The soft bits of a layout class in a known frame: the centre and range of `frame` instead of the
+    /// suspect's own. One pass over the norms; all bins are erasures where the frame has no extent.
     #[must_use]
     pub fn read_in(
         &self,

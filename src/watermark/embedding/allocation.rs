@@ -1,36 +1,37 @@
-//! Least-distortion allocation: which vertices of a bin move, and how far, to bring its
-//! statistic to a target at the least total cost (method section 3, beyond the paper).
+//! Least-distortion allocation: which vertices of a bin move, and how far, to bring the bin's statistic
+//! to a target at the least total cost (method section 3, beyond the paper).
 //!
-//! Moving a vertex by `delta` costs about `delta^2 / g`, with `g` its compliance. Minimising the
-//! sum of costs for a given statistic leaves one multiplier per bin:
+//! Moving a vertex by `delta` costs about `delta^2 / g`, with `g` its compliance. Minimising the sum of
+//! costs for a given statistic leaves one multiplier per bin:
 //!
 //! - mean: `delta = mu g`;
 //! - variance, with `u = 2t - 1`: stationarity of `sum delta^2 / g - (kappa / 4) sum u'^2` gives
 //!   `u' = u / (1 - kappa g)`.
 //!
-//! Each place is clipped to its own range. Both statistics grow monotonically with their
-//! multiplier, so one scalar root per bin is found by a bracketed secant.
+//! Each place is clipped to its own range. Both statistics grow monotonically with their multiplier, so
+//! a bracketed secant finds the one scalar root per bin.
 
 use crate::mesh::powers::squared;
 use crate::mesh::stop::Stop;
 use crate::watermark::Modulation;
 use crate::watermark::bins::contribution;
 
-/// What one vertex of a bin may do.
+/// The limits of the move of one vertex of a bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Freedom {
-    /// How cheaply it moves: above zero, in any unit that the whole bin shares.
+    /// Compliance, above zero, in any unit that the whole bin shares.
     pub compliance: f64,
     /// Least and greatest place it may take; the present place lies between them.
     pub range: (f64, f64),
 }
 
-/// Share of the bin's width that stays free at both edges: with less, a centre shift of 0.3 % of
-/// a bin tips vertices over (method section 3). A vertex that is nearer to an edge may stay.
+/// Share of the bin's width that stays free at both edges. With less, a centre shift of 0.3 % of a bin
+/// tips vertices over the edge (method section 3). A vertex that is already nearer to an edge may stay.
 const EDGE: f64 = 0.08;
 
-/// Share of its way to there that a vertex may go. With all of it, vertices from all over the bin
-/// end on one sphere; so they keep their order, and the triangles between them their side.
+/// Share of the way to that edge that a vertex may go. With all of the way, vertices from all over the
+/// bin would end on one sphere. With this share, vertices keep their order, and the triangles between
+/// them keep their side.
 const SQUEEZE: f64 = 0.9;
 
 impl Freedom {
@@ -45,38 +46,38 @@ impl Freedom {
 /// How close the statistic must come to its target.
 const TOLERANCE: f64 = 1e-7;
 
-/// Secant steps at the most.
+/// Largest number of secant steps.
 const MAX_STEPS: usize = 100;
 
-/// The movable vertices of one bin: their places `t` and what each may do.
+/// The movable vertices of one bin: their places `t` and the limits of their moves.
 #[derive(Debug, Clone, Copy)]
 pub struct Allocation<'a> {
     /// Which statistic is moved.
     pub modulation: Modulation,
     /// Places before anything moves.
     pub places: &'a [f64],
-    /// As many freedoms.
+    /// One entry per place.
     pub freedoms: &'a [Freedom],
 }
 
-/// A multiplier, and whether it brings the statistic to its target.
+/// A multiplier, and whether the statistic reaches its target there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solution {
     /// `mu` or `kappa`.
     pub multiplier: f64,
-    /// False when every vertex stands at the end of its range and the target is still ahead.
+    /// False when every vertex is at the end of its range and the target is not reached.
     pub reached: bool,
 }
 
 impl Allocation<'_> {
-    /// The multiplier at which the mean of the statistic reaches `target`, or the one at which
-    /// it comes as near as the ranges allow.
+    /// The multiplier at which the bin's statistic reaches `target`, or the one at which the statistic
+    /// comes as near as the ranges allow.
     ///
-    /// Asks `stop` before each look at all vertices; what comes out once it answers `true` is worth
-    /// nothing.
+    /// Calls `stop` before each pass over the vertices. The result must be discarded once `stop`
+    /// answers `true`.
     #[must_use]
     pub fn solve(&self, target: f64, stop: Stop<'_>) -> Solution {
-        // No number: which ends the search.
+        // NaN ends the search.
         let statistic = |m| if stop() { f64::NAN } else { self.statistic(m) };
         let (multiplier, reached) = solve(statistic, target, self.guess(target));
         Solution { multiplier, reached }
@@ -99,23 +100,23 @@ impl Allocation<'_> {
         }
     }
 
-    /// What the next unit of the statistic costs at a multiplier: the derivative of the least
-    /// total cost by the bin's statistic. By the envelope theorem it is the multiplier itself, up
-    /// to the factors that the definitions above leave.
+    /// The price: the derivative of the least total cost by the bin's statistic at a multiplier. By the
+    /// envelope theorem it is the multiplier itself, up to a factor that follows from the definitions
+    /// above.
     #[must_use]
     pub fn price(&self, multiplier: f64) -> f64 {
         self.factor() * multiplier.abs()
     }
 
-    /// The multiplier at a price, moving up or down.
+    /// The multiplier at a price, for a statistic that moves up or down.
     #[must_use]
     pub fn at_price(&self, price: f64, upward: bool) -> f64 {
         let multiplier = price / self.factor();
         if upward { multiplier } else { -multiplier }
     }
 
-    /// The multiplier that would do if no vertex met its limit, without its sign: the statistic's
-    /// slope at rest, taken as if it were constant.
+    /// The size of the multiplier that would suffice if no vertex met its limit: the slope of the
+    /// statistic at rest is taken as constant.
     fn guess(&self, target: f64) -> f64 {
         let slope: f64 = match self.modulation {
             Modulation::Mean => self.freedoms.iter().map(|f| f.compliance).sum(),
@@ -170,8 +171,8 @@ fn solve(statistic: impl Fn(f64) -> f64, target: f64, guess: f64) -> (f64, bool)
     let sign = -at_rest.signum();
     let (mut near, mut near_error) = (0.0, at_rest);
     let (mut far, mut far_error) = (0.0, at_rest);
-    // Compliances differ by at most 1 / lambda or so: long before 2^40 times the guess every
-    // vertex stands at its limit.
+    // Compliances differ by a factor of at most about 1 / lambda. Long before 2^40 times the guess,
+    // every vertex is at its limit.
     for doubling in 0..40 {
         far = sign * guess * libm::exp2(f64::from(doubling));
         far_error = error(far);

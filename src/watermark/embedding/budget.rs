@@ -1,26 +1,26 @@
-//! How much margin each bin gets: cheap bins more, expensive bins less, the sum as asked.
+//! How much margin each bin gets: cheap bins more, expensive bins less, the sum as requested.
 //!
-//! Where norms crowd (a cylinder of a gear, the flat end of a hammer) one or two of 64 bins need
-//! all their vertices moved far and would make nearly all of the distortion (measured: 97 % on the
-//! gear, 99 % on the hammer). The budget is over the whole mark instead: a bin's margin stops
-//! where the price of its next unit reaches a multiple of what the median bin pays, and what is
-//! missing is spread over the others.
+//! Where norms crowd, as on a cylinder of a gear or the flat end of a hammer, one or two of 64 bins
+//! need all their vertices moved far. These bins would make nearly all of the distortion: 97 % on the
+//! gear, 99 % on the hammer (measured). The budget therefore spans the whole mark. A bin's margin stops
+//! where the price of its next unit reaches a multiple of what the median bin pays. The missing margin
+//! is spread over the other bins.
 
 use rayon::prelude::*;
 
 use super::allocation::Allocation;
 use crate::mesh::stop::Stop;
 
-/// The price at which a bin stops, as a multiple of the median bin's at full strength.
+/// The price at which a bin's margin stops, as a multiple of what the median bin pays at full strength.
 const DEAREST: f64 = 2.0;
 
-/// Bounds of a bin's margin, as multiples of the strength. The lower one still is two and a half times
-/// what counts as readable.
+/// Bounds of a bin's margin, as multiples of the strength. The lower bound is two and a half times the
+/// margin that counts as readable.
 const RANGE: (f64, f64) = (0.25, 1.25);
 
-/// The margin that each bin is to have; their mean is `strength` as far as the bounds allow.
-/// Where more than half of the bins that must move cannot reach `strength` at any price, all are to
-/// come as near to it as they can. What comes out once `stop` answers `true` is worth nothing.
+/// The requested margin of each bin; the mean over the bins is `strength` as far as the bounds allow.
+/// Where more than half of the bins that must move cannot reach `strength` at any price, every bin is
+/// requested to come as near to it as it can. The result must be discarded once `stop` answers `true`.
 #[must_use]
 pub fn margins(
     allocations: &[Allocation<'_>],
@@ -29,7 +29,7 @@ pub fn margins(
     stop: Stop<'_>,
 ) -> Vec<f64> {
     let bins = allocations.par_iter().zip(bits).with_max_len(1);
-    // A bin that cannot reach its target has no price: infinite.
+    // A bin that cannot reach its target has an infinite price.
     let prices: Vec<f64> = bins
         .map(|(bin, &bit)| {
             let solution = bin.solve(statistic(bin, bit, strength), stop);

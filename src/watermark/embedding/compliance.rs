@@ -1,11 +1,12 @@
 //! How cheaply each vertex can change its norm (method section 3).
 //!
-//! Quadrics and directions come from the original mesh and its centre; they are computed once.
+//! Quadrics and directions come from the original mesh and its centre. They are computed once.
 //!
-//! How far a vertex may go is not said here: with a limit of a share of its triangles' heights, at
-//! which none could turn over, neighbours on a dense, noisy mesh move by as unlike lengths as their
-//! heights are, which turned thousands over (the dragon: 6,754 of its triangles, and twice the
-//! distortion). Triangles are what `guard` looks after.
+//! Absent: a limit on how far a vertex may go. A limit at a share of the heights of its triangles was
+//! tried, to keep triangles from turning over. On a dense, noisy mesh such limits differ as much
+//! between neighbours as the heights do, and the uneven moves turned thousands of triangles over: 6,754
+//! of the dragon's triangles, at twice the distortion. Module `guard` keeps triangles from turning
+//! over.
 
 use glam::DVec3;
 
@@ -14,7 +15,7 @@ use crate::mesh::quadric::Quadric;
 use crate::mesh::stop::{Stop, mapped};
 use crate::mesh::surface::Surface;
 
-/// What the compliance of one carrier is made of.
+/// What the compliance of one carrier is computed from.
 #[derive(Debug, Clone, Copy)]
 pub struct Pliancy {
     quadric: Quadric,
@@ -23,8 +24,8 @@ pub struct Pliancy {
 }
 
 impl Pliancy {
-    /// Its compliance `g`, with plain displacement penalised by `stiffness` times the usual
-    /// `lambda` (method section 4): changing its norm by `delta` costs `delta^2 / g`.
+    /// The compliance `g`: changing the norm by `delta` costs `delta^2 / g`. Plain displacement is
+    /// penalised by `stiffness` times the usual `lambda` (method section 4).
     #[must_use]
     pub fn at(&self, stiffness: f64) -> f64 {
         // d = B^-1 u / (u^T B^-1 u) delta is the cheapest way to change the norm by delta.
@@ -33,9 +34,9 @@ impl Pliancy {
         if !(along > 0.0 && along.is_finite()) {
             return 0.0;
         }
-        // The mean over the planes rather than their sum: how many triangles a vertex has says
-        // nothing about what its move costs. (Weighting by the triangles' area was tried too: 14 %
-        // to 19 % worse on bunny, nefertiti and rocker-arm.)
+        // The mean over the planes rather than their sum: the number of triangles at a vertex does not
+        // change what its move costs. Weights by the areas of the triangles were tried too: 14 % to
+        // 19 % worse on bunny, nefertiti and rocker-arm.
         along * self.quadric.trace()
     }
 }

@@ -1,10 +1,11 @@
 //! Embedding: the single pass of the paper, and the closed loop around it (method section 5).
 //!
-//! Moving vertices moves the centre and with it every norm, which the blind reader computes
-//! afresh; the paper ignores this and then misreads bits of its own unattacked output. The loop
-//! embeds, looks at the result as the blind reader will (positions rounded as the file stores
-//! them), corrects each bin's goal by its shortfall and starts again from the original mesh
-//! about the new centre, until every bin reads its bit with the asked margin.
+//! Moving vertices moves the centre and with it every norm, and the blind reader computes the centre
+//! anew. The paper ignores this shift and then misreads bits of its own unattacked output. Each round
+//! of the loop embeds and reads the result as the blind reader will, with positions rounded as the file
+//! stores them. Each bin's goal is corrected by its shortfall, and the next round starts again from the
+//! original mesh about the new centre. The loop ends when every bin reads its bit with the requested
+//! margin.
 
 use glam::DVec3;
 
@@ -18,28 +19,28 @@ use crate::watermark::capacity::{Judge, Judgement};
 use crate::watermark::detection::extract::Reading;
 use crate::watermark::{Codeword, EmbedParams, Method, Shaping, WatermarkError};
 
-/// Rounds after which the best one is taken if it reads every bit. Meshes settle in one to six;
-/// those that oscillate do so within a dozen.
+/// Rounds after which the best round is taken if it reads every bit. Most meshes settle in one to six
+/// rounds; those that oscillate do so within a dozen.
 const USUAL_ROUNDS: usize = 16;
 
-/// Rounds at the most, as long as some bit is still wrong.
+/// Limit of the rounds while some bit is still wrong.
 const MAX_ROUNDS: usize = 40;
 
-/// One triangle in so many may stay turned over before another round is spent on it: slivers
-/// thinner than the moves around them turn whatever is done (radial placement turns 195 of the
-/// dragon's 871,414).
+/// One triangle in this many may stay turned over before another round is spent on it. Slivers thinner
+/// than the moves around them turn over in any case: radial placement turns 195 of the dragon's 871,414
+/// triangles.
 const FLIPPED_OF: usize = 100_000;
 
-/// Rounds after which the best one is taken whatever its turned triangles.
+/// Rounds after which the best round is taken, however many of its triangles are turned over.
 const GUARD_ROUNDS: usize = 6;
 
-/// The loop ends when every bin has at least this share of the margin it is to have.
+/// The loop ends when every bin has at least this share of its requested margin.
 const CLOSE_ENOUGH: f64 = 0.95;
 
-/// Rounds after which bins above a relief have enough with less, and that share of their margin. Where
-/// norms are crowded, later rounds give a few bins what they lack and take more from the surface: of ten
-/// marks on a hammer within 0.01 %, four needed weaker strengths, down to 0.013; with this two of sixteen
-/// did, down to 0.056.
+/// Rounds after which bins above a relief need a smaller share of their margin, and that share. Where
+/// norms are crowded, later rounds add a little margin to a few bins and distort the surface more. Of
+/// ten marks on a hammer within 0.01 %, four needed weaker strengths, down to 0.013. With this rule two
+/// of sixteen did, down to 0.056.
 const SHORT_ROUNDS: usize = 4;
 const ENOUGH_ABOVE_RELIEF: f64 = 0.5;
 
@@ -47,17 +48,18 @@ const ENOUGH_ABOVE_RELIEF: f64 = 0.5;
 /// vertices cross between bins.
 const DAMPING: f64 = 0.8;
 
-/// Goals are corrected only when the centre shifts by less than this share of a bin width:
-/// before that, a shortfall says more about the centre than about the bin.
+/// Goals are corrected only when the centre shifts by less than this share of a bin width. While the
+/// centre still moves, the centre rather than the bin causes the shortfall.
 const SETTLED_SHIFT: f64 = 0.02;
 
 /// Longest step of the search for the centre, in bin widths.
 const LONGEST_STEP: f64 = 0.5;
 
-/// Rounds whose centre shifts by more than this share of a bin width are forgotten.
+/// State that is kept between rounds is not trusted after a round whose centre shifts by more than this
+/// share of a bin width.
 const FAMILIAR_SHIFT: f64 = 0.03;
 
-/// Bounds of a bin's correction, as multiples of its wanted margin.
+/// Bounds of a bin's correction, as multiples of its requested margin.
 const CORRECTION_RANGE: (f64, f64) = (-0.2, 1.5);
 
 /// The result of an embedding.
@@ -67,29 +69,30 @@ pub struct Embedding {
     pub positions: Vec<DVec3>,
     /// The host's own frame, before anything moved. Independent of the codeword.
     pub host_frame: Frame,
-    /// What a blind reader sees in the result.
+    /// What a blind reader reads from the result.
     pub reading: Reading,
     /// The method that chose the positions.
     pub method: Method,
     /// Passes that were made.
     pub rounds: usize,
-    /// Bins that read their bit; the others have too few vertices and are erasures.
+    /// Bins that read their bit; the other bins have too few vertices and are erasures.
     pub usable_bins: usize,
     /// The smallest margin of the usable bins.
     pub smallest_margin: f64,
-    /// Carriers that the guard had stiffened by then, because triangles at them turned over.
+    /// Carriers that the guard stiffened, because triangles at them turned over.
     pub stiffened: usize,
 }
 
-/// Embeds `codeword` (its length is the number of bins).
+/// Embeds `codeword`, whose length is the number of bins.
 ///
-/// `stop` is asked between passes and within them; when it answers `true` the work is given up.
+/// `stop` is called between passes and within them; once it answers `true` the embedding ends.
 ///
-/// A mesh on which the allocation of an `exact` method does not settle is embedded with the
-/// paper's placement of the same modulation instead, so that it accepts whatever `qsp` accepts;
-/// [`Embedding::method`] says so, and a reader sees no difference. It happens to one in 200 weak
-/// marks (strength 0.02 and less) of 256 bits: the budget leaves an expensive bin a quarter of the margin, and
-/// its corrections, which are bounded by that, are less than what a vertex takes that strays over an edge.
+/// Where the allocation of an `exact` method does not settle, the mesh is embedded with the paper's
+/// placement of the same modulation, so that `exact` accepts every mesh that `qsp` accepts.
+/// [`Embedding::method`] names the method used; a reader needs no change. This happens to one in 200
+/// weak marks (strength 0.02 and less) of 256 bits: the budget leaves an expensive bin a quarter of the
+/// margin. The corrections of that bin are bounded by its margin, which is less than the effect of one
+/// vertex that strays over an edge of the bin.
 ///
 /// # Errors
 /// [`WatermarkError::InsufficientCapacity`] when too few bins can be made to read their bit,
@@ -192,7 +195,7 @@ fn embed_as_asked(
     Ok(best)
 }
 
-/// The share of its wanted margin with which the bin that has least is left alone.
+/// The share of its requested margin that every bin must have for the loop to end.
 fn enough(host: &Host<'_>, rounds: usize) -> f64 {
     let is_above_relief = host.original.is_some();
     if is_above_relief && rounds > SHORT_ROUNDS { ENOUGH_ABOVE_RELIEF } else { CLOSE_ENOUGH }
@@ -210,7 +213,7 @@ fn correct(corrections: &mut [f64], codeword: &Codeword, reading: &Reading, want
     }
 }
 
-/// The smallest share of its wanted margin that a bin has.
+/// The smallest share of its requested margin that any bin has.
 fn fulfilment(codeword: &Codeword, reading: &Reading, wanted: &[f64]) -> f64 {
     let bins = codeword.bits().iter().zip(wanted).enumerate();
     bins.filter_map(|(bin, (&bit, wanted))| Some(reading.margin(bin, bit)? / wanted))

@@ -1,12 +1,11 @@
-//! Exact placement: the point of a sphere with the least quadric error (method section 4, beyond
-//! the paper, which calls the constrained minimum too hard in its section 3.3).
+//! Exact placement: the point of a sphere with the least quadric error (method section 4). It goes
+//! beyond the paper, which calls the constrained minimum too hard in its section 3.3.
 //!
-//! With `p = v - o` the vertex relative to the centre and `d` its displacement, minimise
-//! `d^T B d`, `B = A + lambda tr(A) I`, subject to `|p + d| = rho'`. This is an
-//! equality-constrained trust-region problem: `x = p + d = (B + mu I)^-1 B p` for the one
-//! `mu > -b_min` at which `|x| = rho'`, and `|x|` falls monotonically with `mu`. Newton's method on
-//! `1 / |x| - 1 / rho'`, which is nearly linear in `mu` (More and Sorensen 1983), needs two to four
-//! steps for the moves of a watermark.
+//! With `p = v - o` the vertex relative to the centre and `d` its displacement, minimise `d^T B d`,
+//! `B = A + lambda tr(A) I`, subject to `|p + d| = rho'`. This is an equality-constrained trust-region
+//! problem: `x = p + d = (B + mu I)^-1 B p` for the one `mu > -b_min` at which `|x| = rho'`. `|x|`
+//! falls monotonically with `mu`. Newton's method on `1 / |x| - 1 / rho'`, which is nearly linear in
+//! `mu` (More and Sorensen 1983), needs two to four steps for the moves of a watermark.
 
 use glam::{DMat3, DVec3};
 
@@ -16,14 +15,14 @@ use crate::mesh::quadric::Quadric;
 /// nearest of otherwise equal points on a flat surface.
 pub const LAMBDA: f64 = 0.01;
 
-/// Newton steps at the most.
+/// Largest number of Newton steps.
 const MAX_STEPS: usize = 40;
 
-/// How close the distance must come to the one asked for, as a share of its change. What is left
-/// is made up along the ray: the cost of that is of second order.
+/// How close the distance must come to the requested one, as a share of the change of distance. The
+/// remaining error is corrected along the ray, at a cost of second order.
 const TOLERANCE: f64 = 1e-6;
 
-/// And as a share of the distance itself, below which there is only rounding.
+/// The same as a share of the distance itself, below which there is only rounding.
 const ROUNDING: f64 = 1e-15;
 
 /// `B = A + lambda tr(A) I`.
@@ -32,8 +31,8 @@ pub fn penalised(quadric: &Quadric, lambda: f64) -> DMat3 {
     quadric.matrix() + DMat3::from_diagonal(DVec3::splat(lambda * quadric.trace()))
 }
 
-/// `B + mu I = L D L^T` with a unit lower triangle: half the work of an inverse, and it says
-/// whether the matrix is positive definite.
+/// `B + mu I = L D L^T` with a unit lower triangle. The factorisation takes half the work of an inverse
+/// and detects whether the matrix is positive definite.
 #[derive(Debug, Clone, Copy)]
 pub struct Factors {
     /// Inverses of the diagonal of `D`.
@@ -68,17 +67,17 @@ impl Factors {
     }
 }
 
-/// The point at distance `new_rho` from the origin that minimises `(x - p)^T B (x - p)`, for a
-/// positive definite `B`. `None` when no root is found (a vertex at the centre, or `p` without a
-/// part along the softest axis and a move too long for the others: the caller has radial
-/// placement to fall back on).
+/// The point at distance `new_rho` from the origin that minimises `(x - p)^T B (x - p)`, for a positive
+/// definite `B`. `None` when no root is found: for a vertex at the centre, or where `p` has no part
+/// along the softest axis and the move is too long for the other axes. The caller falls back on another
+/// placement.
 #[must_use]
 pub fn on_sphere(b: DMat3, p: DVec3, new_rho: f64) -> Option<DVec3> {
     let pull = b * p;
     let near = (TOLERANCE * (new_rho - p.length()).abs()).max(ROUNDING * new_rho);
-    // mu must stay above -b_min, where B + mu I is singular; the root lies between.
+    // mu must stay above -b_min, where B + mu I is singular. The root lies between `low` and `high`.
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-    // At mu = 0 x is p itself.
+    // At mu = 0, x is p itself.
     let (mut mu, mut at_rest) = (0.0, Some(p));
     for _ in 0..MAX_STEPS {
         let Some(factors) = Factors::new(&b, mu) else {

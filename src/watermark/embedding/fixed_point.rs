@@ -1,11 +1,11 @@
-//! The centre about which to embed so that the result has that very centre.
+//! The search for the centre about which to embed so that the result has that same centre.
 //!
-//! An embedding about `o` moves the centre to `F(o)`, and the blind reader sees the bins about
-//! `F(o)`. Wanted is the fixed point. Plain iteration `o <- F(o)` contracts on most meshes, but
-//! where norms crowd at bin edges (CAD parts with large flat faces) a small step of `o` changes
-//! `F` by more than itself and the iteration runs away (measured on a hammer of 30,000 vertices:
-//! 0.07, 0.19, 0.26, 0.48 bin widths). Broyden's method (1965) solves `G(o) = F(o) - o = 0`
-//! instead, learning the 3 x 3 slope from the steps it makes anyway.
+//! An embedding about `o` moves the centre to `F(o)`, and the blind reader computes the bins about
+//! `F(o)`. The search is for the fixed point of `F`. Plain iteration `o <- F(o)` contracts on most
+//! meshes. Where norms crowd at bin edges, as on CAD parts with large flat faces, a small step of `o`
+//! changes `F` by more than the step, and the iteration diverges (measured on a hammer of 30,000
+//! vertices: 0.07, 0.19, 0.26, 0.48 bin widths). Broyden's method (1965) solves `G(o) = F(o) - o = 0`
+//! instead. It learns the 3 x 3 slope from the steps of the iteration.
 
 use glam::{DMat3, DVec3};
 
@@ -23,7 +23,7 @@ impl FixedPoint {
     /// Starts at `start`; no step is longer than `longest_step`.
     #[must_use]
     pub fn new(start: DVec3, longest_step: f64) -> Self {
-        // G falls with slope -1 where F is constant: the first step is the plain iteration.
+        // G falls with slope -1 where F is constant, so the first step is that of the plain iteration.
         Self { slope: -DMat3::IDENTITY, at: start, last: None, longest_step }
     }
 
@@ -33,7 +33,7 @@ impl FixedPoint {
         self.at
     }
 
-    /// Takes `F(at())` and moves on.
+    /// Takes `F(at())` as `image` and makes the next step.
     pub fn learn(&mut self, image: DVec3) {
         let residual = image - self.at;
         if let Some((before, residual_before)) = self.last {
@@ -45,7 +45,7 @@ impl FixedPoint {
         }
         self.last = Some((self.at, residual));
         let newton = -(self.slope.inverse() * residual);
-        // A slope that became singular says nothing; go on as if F were constant.
+        // A singular slope gives no usable step; the step is then taken as if F were constant.
         let sound = newton.is_finite() && newton.length() <= self.longest_step;
         let step = if sound { newton } else { residual };
         self.at += step.clamp_length_max(self.longest_step);

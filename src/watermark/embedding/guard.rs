@@ -1,11 +1,11 @@
-//! No triangle turns over: where moves would do that, vertices are stiffened until they do not.
+//! Keeps triangles from turning over: where moves turn one over, its corners are stiffened.
 //!
-//! On a dense mesh moves are as long as edges, and a vertex that slides along the surface further
-//! than its neighbours turns the triangles between them over. Stiffening a vertex raises the
-//! `lambda` of its objective: it then moves less (its compliance falls) and less along the surface
-//! (exact placement with a large `lambda` is radial placement, whose moves are much alike among
-//! neighbours). What a bin loses that way the next round's allocation takes from its other
-//! vertices, for stiffness is remembered: the guard is paid for in distortion, not in bits.
+//! On a dense mesh moves are as long as edges. A vertex that slides along the surface farther than its
+//! neighbours turns the triangles between them over. Stiffening a vertex raises the `lambda` of its
+//! objective. Its compliance falls, so it moves less. It also moves less along the surface, because
+//! exact placement with a large `lambda` is radial placement, whose moves are similar among neighbours.
+//! Stiffness is remembered, so the allocation of the next round takes what a bin loses from the bin's
+//! other vertices. The guard costs distortion, not bits.
 
 use super::compliance::Pliancy;
 use super::placement::PlacementSurface;
@@ -14,19 +14,19 @@ use crate::mesh::surface::Surface;
 use crate::mesh::turning::{flipped_until, is_flipped};
 use glam::DVec3;
 
-/// By how much a corner of a turned triangle is stiffened at a step. With 2 the hammer was distorted
-/// twice as much and the dragon needed more rounds, with 4 the gear half as much again; stiffening
-/// the neighbours as well distorted the dragon half as much again.
+/// Factor by which a corner of a turned triangle is stiffened at a step. With 2, the hammer was
+/// distorted twice as much and the dragon needed more rounds; with 4, the gear was distorted half as
+/// much again. Stiffening the neighbours as well distorted the dragon half as much again.
 const STIFFENING: f64 = 1.5;
 
-/// Stiffness at the most: the vertex hardly moves any more.
+/// Largest stiffness: the vertex hardly moves any more.
 const STIFFEST: f64 = 1e8;
 
-/// Steps at the most. Turned triangles fall by a third or more from step to step: the dragon's 17,000
-/// are a handful after this many.
+/// Largest number of steps. Turned triangles fall by a third or more from step to step: of the dragon's
+/// 17,000 a handful is left after this many.
 const MOST_STEPS: usize = 30;
 
-/// By how much the `lambda` of each carrier is raised above the usual one.
+/// The factor by which the `lambda` of each carrier is raised above the usual one.
 #[derive(Debug, Default)]
 pub struct Stiffness {
     /// Empty until a vertex is stiffened.
@@ -40,7 +40,7 @@ impl Stiffness {
         self.factors.get(carrier).copied().unwrap_or(1.0)
     }
 
-    /// How many carriers are stiffened: corners of triangles that their moves turned over.
+    /// Number of carriers that are stiffened: corners of triangles that moves turned over.
     #[must_use]
     pub fn stiffened(&self) -> usize {
         self.factors.iter().filter(|&&factor| factor > 1.0).count()
@@ -60,19 +60,19 @@ pub struct Moves<'a> {
     pub placed: &'a mut [DVec3],
 }
 
-/// The original surface with what stiffening asks of it.
+/// The original surface with the data that stiffening needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Guard<'a> {
     /// The carriers before anything moved.
     pub surface: &'a Surface,
-    /// Their placement.
+    /// The placement of the carriers.
     pub placement: &'a PlacementSurface<'a>,
-    /// Per carrier what its compliance is made of.
+    /// Per carrier what its compliance is computed from.
     pub pliancies: &'a [Pliancy],
 }
 
 impl Guard<'_> {
-    /// Stiffens the corners of turned triangles and moves them anew, until no triangle is turned
+    /// Stiffens the corners of turned triangles and moves them anew, until no triangle is turned over
     /// or the steps are spent. `None` once `stop` answers `true`.
     pub fn ease(
         &self,
@@ -115,8 +115,8 @@ impl Guard<'_> {
                 return (after, new_rho, moves.placed[v]);
             }
             let [soft, stiff] = [before, after].map(|factor| self.pliancies[v].at(factor));
-            // The mean's allocation is linear in the compliance, so this is what it would have
-            // given the stiffer vertex; for the variance it is close.
+            // The allocation for the mean is linear in the compliance, so it would have given the
+            // stiffer vertex this share of the move. For the variance the share is close.
             let share = if soft > 0.0 { stiff / soft } else { 0.0 };
             let new_rho = rho + (new_rho - rho) * share;
             (after, new_rho, self.placement.exact(moves.centre, v, rho, new_rho, after))
@@ -130,7 +130,7 @@ impl Guard<'_> {
     }
 }
 
-/// What was seen already, so that lists name each carrier and triangle once.
+/// Carriers and triangles that are listed already, so that each is listed once.
 struct Marks {
     carriers: Vec<bool>,
     triangles: Vec<bool>,
@@ -155,7 +155,7 @@ impl Marks {
     }
 }
 
-/// Leaves `seen` as it was: all false.
+/// The distinct elements of `all`. Leaves `seen` as it was: all false.
 fn once_each(seen: &mut [bool], all: impl Iterator<Item = u32>) -> Vec<u32> {
     let first: Vec<u32> =
         all.filter(|&i| !std::mem::replace(&mut seen[i as usize], true)).collect();
@@ -182,7 +182,7 @@ mod tests {
         let pliancies = pliancies(&surface, &placement.quadrics, centre, &never).unwrap();
         let guard = Guard { surface: &surface, placement: &placement, pliancies: &pliancies };
         let rho = norms(&surface.positions, centre);
-        // Every third vertex goes far.
+        // Every third vertex moves far.
         let far = |(v, rho): (usize, &f64)| if v % 3 == 0 { rho * 1.02 } else { *rho };
         let mut new_rho: Vec<f64> = rho.iter().enumerate().map(far).collect();
         let place = |v: usize| {

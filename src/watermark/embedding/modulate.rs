@@ -1,4 +1,4 @@
-//! Which norm each vertex should get: the bins of one pass and what they ask of their vertices.
+//! Which norm each vertex gets: the bins of one pass and their targets.
 
 use rayon::prelude::*;
 
@@ -12,20 +12,20 @@ use crate::mesh::stop::{Stop, go_on, mapped};
 use crate::watermark::bins::{BinLayout, contribution};
 use crate::watermark::{Codeword, EmbedParams, Shaping};
 
-/// In the closed loop a moved vertex keeps this share of the bin's width away from its edges,
-/// so that a slight shift of the centre or a conversion cannot tip it over.
+/// In the closed loop a moved vertex keeps this share of the bin's width away from the bin's edges, so
+/// that a slight shift of the centre or a conversion cannot tip the vertex over.
 const EDGE: f64 = 0.02;
 
-/// Bounds of a bin's target statistic: beyond them all its vertices stand at one edge, from
-/// where the least shift of the centre tips them into the next bin.
+/// Bounds of a bin's target statistic. Beyond them all vertices of the bin stand at one edge, where the
+/// smallest shift of the centre tips them into the next bin.
 const TARGET_RANGE: (f64, f64) = (0.04, 0.96);
 
-/// What an embedding learns from round to round.
+/// State that an embedding keeps from round to round.
 #[derive(Debug, Default)]
 pub struct State {
     /// Which bin each carrier was in.
     pub memory: BinMemory,
-    /// Per bin, what is added to its wanted margin because earlier rounds fell short of it.
+    /// Per bin, what is added to its requested margin because earlier rounds fell short of it.
     pub corrections: Vec<f64>,
     /// Which carriers the guard has stiffened.
     pub stiffness: Stiffness,
@@ -39,32 +39,32 @@ impl State {
     }
 }
 
-/// What the bins were given.
+/// New norms, and the margins they are to give.
 #[derive(Debug)]
 pub struct Modulated {
     /// Per carrier its new norm.
     pub norms: Vec<f64>,
-    /// Per bin the margin it was meant to have.
+    /// Per bin the requested margin.
     pub wanted: Vec<f64>,
 }
 
 /// What all passes of one embedding share.
 #[derive(Debug)]
 pub struct Modulator<'a> {
-    /// What the bins are to say.
+    /// The bits that the bins are to carry.
     pub codeword: &'a Codeword,
-    /// How strongly, by which method.
+    /// Strength and method.
     pub params: &'a EmbedParams,
     /// Per carrier, whether it cannot move.
     pub fixed: Vec<bool>,
-    /// Per carrier, for allocation: what its compliance is made of, and the usual one.
+    /// For the allocation: per carrier, what its compliance is computed from, and the usual compliance.
     pub pliancies: Vec<Pliancy>,
     compliances: Vec<f64>,
 }
 
 impl<'a> Modulator<'a> {
-    /// For carriers of which some are `fixed`; `pliancies` may be empty where nothing is allocated.
-    /// `None` once `stop` answers `true`.
+    /// A modulator of carriers, some of them `fixed`. `pliancies` may be empty where no allocation is
+    /// made. `None` once `stop` answers `true`.
     #[must_use]
     pub fn new(
         codeword: &'a Codeword,
@@ -161,7 +161,7 @@ impl<'a> Modulator<'a> {
             for k in sorted.range(bin) {
                 let (t, strayed) = (places[k], sorted.strayed[k]);
                 if strayed || (moved && (power_map || t != sorted.places[k])) {
-                    // The allocation's own ranges keep clear of the edges.
+                    // The ranges of the allocation stay clear of the edges.
                     let keep = if power_map || strayed { edge } else { 0.0 };
                     let place = t.clamp(keep, 1.0 - keep);
                     new_rho[sorted.carriers[k] as usize] = layout.norm_at(bin, place);
@@ -171,7 +171,7 @@ impl<'a> Modulator<'a> {
         new_rho
     }
 
-    /// What each sorted carrier may do, clear of its bin's edges.
+    /// The limits of the move of each sorted carrier.
     fn freedoms(
         &self,
         sorted: &SortedByBin,

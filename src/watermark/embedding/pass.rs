@@ -13,16 +13,16 @@ use crate::watermark::bins::{BinLayout, Frame, norms};
 use crate::watermark::detection::extract::Reading;
 use crate::watermark::{Codeword, EmbedParams, Placement, Shaping, WatermarkError};
 
-/// What one pass makes.
+/// The result of one pass.
 #[derive(Debug)]
 pub struct Passed {
     /// Positions of all file vertices, rounded as the file stores them.
     pub positions: Vec<DVec3>,
-    /// Per bin, the margin it was meant to have.
+    /// Per bin, the requested margin.
     pub wanted: Vec<f64>,
 }
 
-/// The host as an embedding sees it.
+/// The host as an embedding reads it.
 #[derive(Clone, Copy)]
 pub struct Host<'a> {
     /// The file's vertices and triangles.
@@ -31,16 +31,16 @@ pub struct Host<'a> {
     pub surface: &'a Surface,
     /// File vertices that cannot move.
     pub pinned: &'a [u32],
-    /// Replaces positions of all file vertices by what the written file reads back as. Who is to stop
-    /// meanwhile leaves them as they are.
+    /// Replaces positions of all file vertices by what the written file reads back as. A caller that is
+    /// stopped meanwhile leaves the positions unchanged.
     pub round: &'a (dyn Fn(&mut [DVec3]) + Sync),
-    /// The surface that no triangle should turn from, with the same carriers, where `surface` was
-    /// moved already; its own otherwise.
+    /// The surface against which turned triangles are judged, with the same carriers, where `surface`
+    /// was moved already; `None` where `surface` itself is that surface.
     pub original: Option<&'a Surface>,
 }
 
 impl<'a> Host<'a> {
-    /// The surface that no triangle should turn from.
+    /// The surface against which turned triangles are judged.
     #[must_use]
     pub fn original(&self) -> &'a Surface {
         self.original.unwrap_or(self.surface)
@@ -85,7 +85,8 @@ impl<'a> Passes<'a> {
         Some(Self { host, placement, modulator })
     }
 
-    /// What a blind reader sees of carriers with these `norms` about `centre`.
+    /// What a blind reader reads from carriers with these `norms` about `centre`; `None` when they have
+    /// no radial extent.
     #[must_use]
     pub fn read(&self, centre: DVec3, norms: &[f64]) -> Option<Reading> {
         let Modulator { codeword, params, .. } = self.modulator;
@@ -129,7 +130,7 @@ impl<'a> Passes<'a> {
         Ok(Passed { positions, wanted: modulated.wanted })
     }
 
-    /// The carriers at their new norms. The guard may change some of those.
+    /// The carriers at their new norms. The guard may change some of these norms.
     fn place(
         &self,
         centre: DVec3,

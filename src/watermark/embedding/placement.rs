@@ -1,4 +1,4 @@
-//! Where on its sphere a vertex with a new norm goes. Every place lies at exactly the asked
+//! Where on its sphere a vertex with a new norm goes. Every placement has exactly the requested
 //! distance from the centre, up to rounding.
 
 use glam::DVec3;
@@ -9,9 +9,9 @@ use crate::mesh::quadric::Quadric;
 use crate::mesh::stop::{Stop, counted};
 use crate::mesh::surface::Surface;
 
-/// Share of the plain squared displacement in the cost that ranks candidates. On a flat region
-/// all candidates have the same quadric error up to rounding; this picks the nearest of them
-/// and is far too small to matter anywhere else.
+/// Share of the plain squared displacement in the cost that ranks candidates. On a flat region all
+/// candidates have the same quadric error up to rounding, and this term picks the nearest of them. It
+/// is far too small to matter elsewhere.
 const NEAREST: f64 = 1e-9;
 
 /// Radial placement (Cho et al. 2007): along the ray from the centre.
@@ -22,7 +22,7 @@ pub fn radial(centre: DVec3, v: DVec3, rho: f64, new_rho: f64) -> DVec3 {
     if rho > 0.0 { centre + (v - centre) * (new_rho / rho) } else { v }
 }
 
-/// The original surface with what placement asks of it, kept through all rounds of the loop.
+/// The original surface with the data that placement needs, kept through all rounds of the loop.
 #[derive(Debug)]
 pub struct PlacementSurface<'a> {
     surface: &'a Surface,
@@ -47,8 +47,8 @@ impl<'a> PlacementSurface<'a> {
     /// Quadric selective placement (paper eq. 17-20) of carrier `vertex` at distance `new_rho`
     /// from `centre`; `rho` is its present distance.
     ///
-    /// For each triangle at the vertex one candidate is made from the triangle's closest point P
-    /// and farthest corner Q as seen from the centre; the one of least quadric error wins.
+    /// Each triangle at the vertex gives one candidate, made from the triangle's closest point P and
+    /// farthest corner Q relative to the centre. The candidate with the least quadric error wins.
     #[must_use]
     pub fn qsp(&self, centre: DVec3, vertex: usize, rho: f64, new_rho: f64) -> DVec3 {
         let v = self.surface.positions[vertex];
@@ -96,15 +96,16 @@ fn corners(surface: &Surface, triangle: u32) -> [DVec3; 3] {
     surface.triangles[triangle as usize].map(|corner| surface.positions[corner as usize])
 }
 
-/// Eq. 19, first and third case; everything relative to the centre. `None` when the triangle's
-/// closest point is the centre itself and gives no direction.
+/// Eq. 19, first and third case; all points relative to the centre. `None` when the triangle's closest
+/// point is the centre itself, which gives no direction.
 fn towards_closest(v: DVec3, rho: f64, new_rho: f64, triangle: [DVec3; 3]) -> Option<DVec3> {
     let closest = closest_to_origin(triangle);
     let distance = closest.length();
     if new_rho < distance {
         return (distance > 0.0).then(|| closest * (new_rho / distance));
     }
-    // |v + s d| falls from rho at s = 0 to |P| at s = 1, so the smaller root is the one; written
+    // |v + s d| falls from rho at s = 0 to |P| at s = 1, so the smaller root is the solution. This form
+    // of the root avoids cancellation.
     // so that nothing cancels.
     let d = closest - v;
     let (a, b, c) = (d.length_squared(), v.dot(d), (rho - new_rho) * (rho + new_rho));
@@ -122,7 +123,8 @@ fn towards_farthest(v: DVec3, rho: f64, new_rho: f64, triangle: [DVec3; 3]) -> O
     if new_rho > distance {
         return (distance > 0.0).then(|| farthest * (new_rho / distance));
     }
-    // |v + s d| may dip before it rises to |Q|; the roots have opposite signs and the positive
+    // |v + s d| may fall before it rises to |Q|. The roots have opposite signs, and the positive one is
+    // the solution.
     // one is meant.
     let d = farthest - v;
     let (a, b, c) = (d.length_squared(), v.dot(d), (new_rho - rho) * (new_rho + rho));

@@ -1,32 +1,34 @@
-//! The histogram mapping of Cho et al. 2007 and the paper (eq. 9-15): every place in a bin is
-//! raised to one power, chosen so that the bin's statistic reaches its target.
+//! The histogram mapping of Cho et al. 2007 and the paper (eq. 9-15): all places in a bin are raised to
+//! one power, chosen so that the bin's statistic reaches its target.
 
 use crate::mesh::stop::{STEP, Stop};
 use crate::watermark::Modulation;
 
-/// Range of `ln beta` that is searched. `e^7` moves the mean of an even bin to 0.001 and back to
-/// 0.999: further than any strength asks for.
+/// Range of `ln beta` that is searched. `beta = e^7` moves the mean of an even bin to 0.001 and
+/// `beta = e^-7` to 0.999: further than any strength asks for.
 const LN_BETA_RANGE: (f64, f64) = (-7.0, 7.0);
 
-/// How close the statistic must come to its target. Far below the smallest strength (0.01).
+/// How close the statistic must come to its target: far below the smallest strength (0.01).
 const TOLERANCE: f64 = 1e-8;
 
-/// Newton steps at the most; four to six are usual, and every second one that leaves the
-/// bracket is a bisection.
+/// Largest number of steps; four to six are usual. A Newton step that leaves the bracket is replaced by
+/// a bisection.
 const MAX_STEPS: usize = 60;
 
-/// Places nearer than this to the fixed point of the map stay; it also keeps `ln` finite.
+/// Distances of places from the fixed point of the map count as at least this much, which keeps `ln`
+/// finite.
 const LEAST_PLACE: f64 = 1e-300;
 
-/// Solves for the power and replaces `places` (the `t` of one bin's movable vertices, in [0, 1))
-/// by the mapped ones, still in [0, 1).
+/// Solves for the power and replaces `places`, the `t` of one bin's movable vertices in [0, 1), by the
+/// mapped places, still in [0, 1).
 ///
 /// Mean: `t' = t^beta`. Variance: `u' = sign(u) |u|^beta` with `u = 2t - 1`. Both statistics fall
-/// monotonically in beta (their derivative by `ln beta` is a sum of negative terms), so the root
-/// is bracketed and Newton's steps on `ln beta` are safeguarded by the bracket. A target beyond
-/// what the bracket reaches gives the nearest that it does (all places 0, say, cannot move).
+/// monotonically in beta, because their derivative by `ln beta` is a sum of negative terms. The root is
+/// therefore bracketed, and the bracket safeguards Newton's steps on `ln beta`. A target out of reach
+/// of the bracket gives the nearest statistic within reach; places that are all next to 1, for example,
+/// cannot move.
 ///
-/// `logs` is scratch of the same length. What comes out once `stop` answers `true` is worth nothing.
+/// `logs` is scratch of the same length. The result must be discarded once `stop` answers `true`.
 pub fn power_map(
     modulation: Modulation,
     places: &mut [f64],
@@ -84,7 +86,7 @@ fn solve(logs: &[f64], power: f64, target: f64, stop: Stop<'_>) -> f64 {
         if error.abs() <= TOLERANCE || high - low < 1e-14 {
             break;
         }
-        // The statistic falls with beta: too large means beta must grow.
+        // The statistic falls with beta: when it is too large, beta must grow.
         if error > 0.0 {
             low = x;
         } else {

@@ -1,24 +1,24 @@
-//! Which carriers are in which bin, and in which they were the round before.
+//! Which carriers are in which bin, in this round and in the round before.
 
 use crate::mesh::stop::{STEP, Stop, go_on, mapped};
 use crate::watermark::bins::BinLayout;
 
-/// How far a carrier may stray from the bin of the round before, in bin widths.
+/// How far a carrier may stray from its bin of the round before, in bin widths.
 const LOYALTY: f64 = 0.1;
 
 /// Which bin each carrier belonged to in the round before.
 ///
-/// Where norms crowd at a bin's edge, the least step of the centre tips many of them into the
-/// next bin and the loop never settles. A carrier therefore stays with its bin until it has
-/// strayed from it by more than [`LOYALTY`].
+/// Where norms crowd at a bin's edge, the smallest step of the centre moves many of them into the next
+/// bin, and the loop never settles. A carrier therefore stays with its bin until it has strayed from it
+/// by more than [`LOYALTY`].
 #[derive(Debug, Default)]
 pub struct BinMemory {
     bins: Vec<u16>,
-    /// Whether the centre was near enough for the round before to be worth remembering.
+    /// Whether the centre moved little enough for the bins of the round before to be used.
     pub trusted: bool,
 }
 
-/// A carrier outside the bin layout.
+/// The bin of a carrier outside the bin layout.
 const NO_BIN: u16 = u16::MAX;
 
 impl BinMemory {
@@ -33,12 +33,14 @@ impl BinMemory {
         }
     }
 
-    /// The carrier's bin and place: the remembered bin while it is near, else its own.
+    /// The carrier's bin and its place in that bin: the bin of the round before while the carrier is
+    /// near it, else its own.
     fn locate(&self, carrier: usize, rho: f64, layout: &BinLayout) -> Option<Located> {
         let own = || layout.locate(rho).map(|(bin, t)| Located { bin, t, strayed: false });
         let Some(&bin) = self.bins.get(carrier).filter(|_| self.trusted) else { return own() };
         if bin == NO_BIN {
-            // Outside the bin layout, and near it.
+            // The carrier was outside the bin layout and stays outside while it is near the layout's
+            // ends.
             let into = (rho - layout.start) / layout.width;
             let near = into < LOYALTY || into > layout.bins as f64 - LOYALTY;
             return if near { None } else { own() };
@@ -53,12 +55,12 @@ impl BinMemory {
     }
 }
 
-/// Where a carrier is.
+/// The bin of a carrier and its place in that bin.
 #[derive(Clone, Copy)]
 struct Located {
     bin: usize,
     t: f64,
-    /// It really lies beyond the bin's edge.
+    /// Whether the carrier lies beyond the bin's edge.
     strayed: bool,
 }
 
@@ -70,7 +72,7 @@ pub struct SortedByBin {
     pub carriers: Vec<u32>,
     /// Their places in their bins.
     pub places: Vec<f64>,
-    /// Whether they really lie beyond their bin's edge and are kept by memory alone.
+    /// Whether they lie beyond their bin's edge and are kept by memory alone.
     pub strayed: Vec<bool>,
 }
 
@@ -119,13 +121,13 @@ impl SortedByBin {
         Some(Self { starts, carriers, places, strayed })
     }
 
-    /// Where a bin's carriers stand in the arrays.
+    /// The range of a bin's carriers in the arrays.
     #[must_use]
     pub fn range(&self, bin: usize) -> std::ops::Range<usize> {
         self.starts[bin]..self.starts[bin + 1]
     }
 
-    /// Cuts scratch arrays of the length of all places into one slice per bin.
+    /// Cuts arrays as long as `places` into one slice per bin.
     pub fn slices<'s>(
         &self,
         mut places: &'s mut [f64],

@@ -2,20 +2,20 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// What rounding outwards may cost.
+/// What rounding to the safe side may cost.
 const TIGHT: f64 = 1e-9;
 
 fn uneven(n: u32) -> Vec<f64> {
     (0..n).map(|i| 0.2 + f64::from(i * 7 % 5)).collect()
 }
 
-/// In [0, 1), by number.
+/// The `k`-th number of a sequence in [0, 1).
 fn spread(k: u32) -> f64 {
     (f64::from(k + 1) * 0.618_033_988_749_894_9).fract()
 }
 
-/// log10 of the share of sign patterns that score `t` or more, by all of them. Scores are sums of
-/// whole numbers where weights are, and then exact.
+/// log10 of the share of sign patterns that score `t` or more, by enumeration. Scores are exact where
+/// weights are whole numbers.
 fn enumerated(weights: &[f64], t: f64) -> f64 {
     let patterns = 1_u32 << weights.len();
     let score = |signs: u32| -> f64 {
@@ -26,7 +26,7 @@ fn enumerated(weights: &[f64], t: f64) -> f64 {
     (reached as f64 / f64::from(patterns)).log10()
 }
 
-/// Not below the truth, not above Chernoff.
+/// The bound is not below the true tail and not above Chernoff's bound.
 fn assert_between(weights: &[f64], t: f64) {
     let (bound, truth) = (log10_tail(weights, t), enumerated(weights, t));
     assert!(bound >= truth, "{weights:?} {t}: {bound} < {truth}");
@@ -57,14 +57,14 @@ fn what_is_no_number_is_no_evidence() {
         assert_eq!(log10_tail(&[1.0; 64], odd.abs() * f64::NAN), 0.0);
         assert_eq!(log10_chernoff(&[odd; 64], 1.0), 0.0, "{odd}");
     }
-    // Too many to count: what is left is Chernoff's bound.
+    // Too many weights to count: Chernoff's bound is left.
     let (bound, chernoff) =
         (log10_tail(&[1.0; 2000], 1000.0), log10_chernoff(&[1.0; 2000], 1000.0));
     assert!(bound < -100.0 && (bound - chernoff).abs() < TIGHT, "{bound} {chernoff}");
 }
 
-/// The counter-example of method section 9: half of the weights might as well not be there, and half
-/// of the bits disagree.
+/// The counter-example of method section 9: half of the weights carry no information, and half of the
+/// bits disagree.
 #[test]
 fn weights_that_could_have_disagreed_are_no_evidence() {
     for tiny in [1e-13, 1e-16, 1e-30, 1e-200, 1e-310, 0.0] {
@@ -77,7 +77,7 @@ fn weights_that_could_have_disagreed_are_no_evidence() {
             let bound = log10_tail(&weights, t);
             let truth = libm::log10(sum) - 64.0 * LOG10_2;
             assert!(bound >= truth, "{tiny} {wrong}: {bound} {truth}");
-            // What sums of 64 numbers are rounded by is more than these make.
+            // Sums of 64 numbers are rounded by more than these weights contribute.
             let least = if tiny > 1e-15 { -64.0 } else { -32.0 };
             assert!(bound >= least * LOG10_2 - TIGHT, "{tiny} {wrong}: {bound}");
         }
@@ -103,19 +103,19 @@ fn small_numbers_of_weights_are_as_enumerated() {
         for share in [1e-9, 0.05, 0.1, 0.3, 0.5, 0.8, 0.95, 0.999, 1.0] {
             assert_between(&weights, share * total);
         }
-        // The scores themselves, where the count must not miss the pattern that is looked at.
+        // The scores of sign patterns, where the count must include the pattern itself.
         for signs in 0..64_u32 {
             let sign = |i: usize| if signs >> (i % 6) & 1 == 1 { 1.0 } else { -1.0 };
             let t: f64 = weights.iter().enumerate().map(|(i, w)| sign(i) * w).sum();
             assert_between(&weights, t);
-            // Added up the other way round.
+            // The same sum in reverse order.
             let t: f64 = weights.iter().enumerate().rev().map(|(i, w)| sign(i) * w).sum();
             assert_between(&weights, t);
         }
     }
 }
 
-/// Whole weights of few steps: nothing is rounded, and the count is the truth.
+/// Whole weights of few steps: nothing is rounded, and the count is the true tail.
 #[test]
 fn equal_weights_are_as_the_binomial_distribution_has_it() {
     for n in [24_u32, 64, 256] {
@@ -148,7 +148,7 @@ fn the_bound_falls_as_the_score_grows() {
             assert!((bound - log10_tail(&weights, t)).abs() < MARGIN, "{k}: it remembers");
             before = bound;
         }
-        // Where grids change, too: from full agreement outwards.
+        // Also where grids change: from full agreement outwards.
         let mut before = tail.log10_at(total);
         for k in 0..4000 {
             let bound = tail.log10_at(total * (1.0 - 1e-15 * 1.009_f64.powi(k)));
@@ -164,7 +164,7 @@ fn the_least_score_misses_nothing_and_little_more() {
         let total: f64 = weights.iter().sum();
         for wanted in [-0.5, -3.0, -7.0, -8.9] {
             let least = least_score(&weights, wanted).unwrap();
-            // Below it, not at it.
+            // Just below the least score, not at it.
             assert!(log10_tail(&weights, least * (1.0 - 1e-12)) > wanted, "{wanted}");
             assert!(log10_tail(&weights, least + 0.08 * total) < wanted, "{wanted}: {least}");
         }
@@ -173,7 +173,7 @@ fn the_least_score_misses_nothing_and_little_more() {
     assert!(least_score(&[1.0; 16], -16.0 * LOG10_2).is_some_and(|least| least > 13.9));
 }
 
-/// Weights of sizes that may differ wildly.
+/// Weights of widely different sizes.
 fn weights(most: usize) -> impl Strategy<Value = Vec<f64>> {
     let weight = prop_oneof![
         3 => 0.0..1.0_f64,
@@ -212,7 +212,7 @@ proptest! {
         weights in weights(80), signs in any::<u128>(), wanted in -15.0..0.0_f64,
     ) {
         let signed = weights.iter().enumerate();
-        // Mostly agreement, so that much of it is near what is wanted.
+        // Mostly agreement, so that many scores are near the requested bound.
         let agrees = |i: usize| signs >> i & 1 == 1 || signs >> (i + 40) & 3 != 0;
         let t: f64 = signed.map(|(i, w)| if agrees(i) { *w } else { -w }).sum();
         if log10_tail(&weights, t) <= wanted {

@@ -1,9 +1,9 @@
-//! Many codewords against one suspect.
+//! Scores many codewords against one suspect.
 //!
-//! Records are grouped by what their bins have in common, so that a suspect is read once per group;
-//! a record is a row of M / 8 bytes beside a 16-byte id, and costs M / 8 table lookups for eight
-//! readings at once. Ids are kept in order: a record is found by bisection, without a map. Must not
-//! know how readings are chosen, only that they did not look at codewords.
+//! Records are grouped by what their bins have in common, so that a suspect is read once per group. A
+//! record is a row of M / 8 bytes and a 16-byte id, and costs M / 8 table lookups for eight readings at
+//! once. Ids are kept in order, so a record is found by bisection, without a map. Must not know how
+//! readings are chosen, only that their choice does not depend on codewords.
 
 mod tables;
 
@@ -16,14 +16,14 @@ use crate::watermark::bins::Frame;
 use crate::watermark::{BitCount, Codeword, Modulation, Score, SoftBits, Tail};
 use tables::{LANES, Tables};
 
-/// What the records of one group share: their bins and what is read from them.
+/// What the records of one group share: their bins and the statistic read from them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct GroupKey {
-    /// How many bins.
+    /// Number of bins.
     pub bits: BitCount,
     /// Which statistic.
     pub modulation: Modulation,
-    /// Where the bins lie.
+    /// The layout class: where the bins lie.
     pub class: u8,
 }
 
@@ -46,22 +46,22 @@ struct Group {
     rows: Vec<u8>,
 }
 
-/// All live codewords by number of bits, modulation and layout class. The caller chooses the
-/// ids (a record's UUID).
+/// All live codewords by number of bits, modulation and layout class. The caller chooses the ids, which
+/// are the UUIDs of records.
 ///
-/// A clone shares the rows: a search works on a clone, so that records can come and go meanwhile
-/// (one that does copies its group, a 256th of the whole).
+/// A clone shares the rows. A search works on a clone, so that records can be inserted and removed
+/// meanwhile. Such a change copies its group, a 256th of the whole.
 #[derive(Debug, Default, Clone)]
 pub struct CodewordIndex {
     groups: BTreeMap<GroupKey, Arc<Group>>,
 }
 
-/// One reading of a suspect by one bin layout: the records of a group are scored against it.
+/// One reading of a suspect in one bin layout, against which the records of a group are scored.
 #[derive(Debug, Clone)]
 pub struct Hypothesis {
-    /// The centre and radial range that it assumes.
+    /// The assumed centre and radial range.
     pub frame: Frame,
-    /// What is read.
+    /// The soft bits that were read.
     pub soft: Arc<SoftBits>,
 }
 
@@ -70,7 +70,7 @@ pub struct Hypothesis {
 pub struct Candidate {
     /// The id it was inserted with.
     pub id: u128,
-    /// Decimal logarithm of the bound for this hypothesis alone, before counting.
+    /// Decimal logarithm of the bound for this hypothesis alone, before hypotheses are counted.
     pub log10_bound: f64,
     /// Its score.
     pub score: Score,
@@ -81,18 +81,19 @@ pub struct Candidate {
 /// The outcome of a search.
 #[derive(Debug, Clone, Default)]
 pub struct Search {
-    /// Readings times records scored; every bound must be multiplied by all hypotheses tried.
+    /// Number of readings times records scored. Every bound must be multiplied by the number of all
+    /// hypotheses tried.
     pub hypotheses: u64,
     /// The best candidates, best first, each record once; equal bounds in order of id.
     pub candidates: Vec<Candidate>,
 }
 
-/// What is worth reporting of a search.
+/// Which candidates of a search are reported.
 #[derive(Debug, Clone, Copy)]
 pub struct Worth {
-    /// Candidates whose bound (before counting) is above this are not looked for.
+    /// Candidates whose bound, before hypotheses are counted, is above this are not reported.
     pub log10_bound: f64,
-    /// The most candidates.
+    /// Largest number of candidates.
     pub most: usize,
 }
 
@@ -101,7 +102,7 @@ impl CodewordIndex {
     pub fn insert(&mut self, id: u128, modulation: Modulation, codeword: &Codeword) {
         let key = GroupKey::of(codeword, modulation);
         let group = Arc::make_mut(self.groups.entry(key).or_default());
-        // Ids are drawn in the order of time, so this is the end or near it.
+        // Ids are drawn in the order of time, so the position is at the end or near it.
         if let Err(at) = group.ids.binary_search(&id) {
             let width = key.row_width();
             group.ids.insert(at, id);
@@ -109,7 +110,7 @@ impl CodewordIndex {
         }
     }
 
-    /// Adds many records, in any order, none of which is there.
+    /// Adds many records, in any order. None of them may be in the index already.
     pub fn extend(&mut self, records: impl IntoIterator<Item = (u128, Modulation, Codeword)>) {
         let mut unsorted = BTreeSet::new();
         for (id, modulation, codeword) in records {
@@ -128,7 +129,7 @@ impl CodewordIndex {
         }
     }
 
-    /// Takes a record out of its group; says whether it was there.
+    /// Removes a record from its group and returns whether it was there.
     pub fn remove(&mut self, id: u128, key: GroupKey) -> bool {
         let Some(group) = self.groups.get_mut(&key) else { return false };
         let Ok(at) = group.ids.binary_search(&id) else { return false };
@@ -161,13 +162,13 @@ impl CodewordIndex {
         ids
     }
 
-    /// How many records there are.
+    /// Number of records.
     #[must_use]
     pub fn len(&self) -> usize {
         self.groups.values().map(|group| group.ids.len()).sum()
     }
 
-    /// Whether there are none.
+    /// Whether there are no records.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.groups.is_empty()
@@ -187,7 +188,7 @@ impl CodewordIndex {
     }
 
     /// Scores every record against every reading of its group and returns the best of those that
-    /// are worth it.
+    /// `worth` admits.
     #[must_use]
     pub fn search(
         &self,
@@ -224,7 +225,7 @@ fn row(codeword: &Codeword) -> impl Iterator<Item = u8> + '_ {
     codeword.bits().chunks(8).map(byte)
 }
 
-/// The bits of a row, and perhaps a few zeros more.
+/// The bits of a row, followed by zeros up to a whole byte.
 fn bits_of(row: &[u8]) -> impl Iterator<Item = bool> + '_ {
     row.iter().flat_map(|byte| (0..8).map(move |k| byte >> k & 1 == 1))
 }
@@ -270,7 +271,7 @@ impl Group {
                     |c: &Candidate| c.log10_bound < 0.0 && c.log10_bound <= worth.log10_bound;
                 candidates.extend(best.filter(worthwhile));
             }
-            // Only so that many cannot pile up.
+            // Bounds the memory that candidates take.
             if candidates.len() / 2 > worth.most.max(1 << 12) {
                 once_each(&mut candidates);
                 best_first(&mut candidates, worth.most);
@@ -282,7 +283,7 @@ impl Group {
     }
 }
 
-/// Keeps the best of each record.
+/// Keeps the best candidate of each record.
 fn once_each(candidates: &mut Vec<Candidate>) {
     candidates.sort_by(|a, b| a.id.cmp(&b.id).then(a.log10_bound.total_cmp(&b.log10_bound)));
     candidates.dedup_by_key(|candidate| candidate.id);

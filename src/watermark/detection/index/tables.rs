@@ -1,18 +1,18 @@
 //! Byte tables in small integers: the scores of one codeword under eight readings at once.
 //!
-//! A table entry holds, for one value of one byte of a codeword, what the byte adds to the score
-//! of each of up to [`LANES`] readings, as 16-bit integers: a row of M bits costs M / 8 loads and
-//! additions whatever the number of readings. Rounding is bounded, so a row below the floor of
-//! every lane is certainly below the score asked for; the others are scored again exactly.
+//! A table entry holds, for one value of one byte of a codeword, what the byte adds to the score of
+//! each of up to [`LANES`] readings, as 16-bit integers. A row of M bits costs M / 8 loads and
+//! additions whatever the number of readings. Rounding is bounded, so a row below the floor of every
+//! lane is certainly below the requested score; the other rows are scored again exactly.
 
 use crate::watermark::SoftBits;
 use crate::watermark::detection::bound::least_score;
 
-/// Readings per table: sixteen bytes an entry, one register of any 64-bit processor.
+/// Readings per table: an entry has sixteen bytes, one SIMD register of any 64-bit processor.
 pub(super) const LANES: usize = 8;
 
-/// What the sum of a lane's weights becomes. With the rounding of at most 256 weights it stays
-/// below 2^15.
+/// The value to which the sum of a lane's weights is scaled. With the rounding of at most 256 weights
+/// it stays below 2^15.
 const FULL: f64 = 32_000.0;
 
 /// One entry: a lane per reading.
@@ -20,15 +20,15 @@ type Entry = [i16; LANES];
 
 /// Tables of up to [`LANES`] readings of the same bins.
 pub(super) struct Tables {
-    /// One table a byte of the codeword.
+    /// One table per byte of the codeword.
     bytes: Vec<[Entry; 256]>,
-    /// Per lane, the score from which a row is worth an exact look.
+    /// Per lane, the score from which a row is scored exactly.
     floors: Entry,
 }
 
 impl Tables {
-    /// Tables for scores whose bound is at most `worth_log10`. `None` when no score of any reading
-    /// can have such a bound. At most [`LANES`] readings are looked at.
+    /// Tables for scores whose bound is at most `worth_log10`. `None` when no score of any reading can
+    /// have such a bound. Readings after the first [`LANES`] are ignored.
     pub(super) fn new<'a>(
         readings: impl Iterator<Item = &'a SoftBits>,
         worth_log10: f64,
@@ -45,13 +45,13 @@ impl Tables {
             for (entry, w) in weights.iter_mut().zip(signed) {
                 entry[lane] = small(w * scale);
             }
-            // Each weight is off by at most one half; one more for the rounding of the floor.
+            // Each weight is off by at most one half; one more is for the rounding of the floor.
             floors[lane] = small(least * scale - 0.5 * signed.len() as f64 - 1.0);
         }
         worthwhile.then(|| Self { bytes: weights.chunks(8).map(table).collect(), floors })
     }
 
-    /// Whether a row may reach the score asked for in some lane.
+    /// Whether a row may reach the requested score in some lane.
     #[inline]
     pub(super) fn may_reach(&self, row: &[u8]) -> bool {
         let mut sum = [0_i16; LANES];
@@ -69,14 +69,14 @@ impl Tables {
     }
 }
 
-/// Rounds to the nearest 16-bit integer; what lies outside goes to the end.
+/// Rounds to the nearest 16-bit integer, saturating.
 fn small(x: f64) -> i16 {
     #[expect(clippy::cast_possible_truncation, reason = "clamped; a float cast saturates anyway")]
     let rounded = x.round().clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16;
     rounded
 }
 
-/// What each of the 256 values of one byte adds: from all bits 0, one bit more at a time.
+/// What each of the 256 values of one byte adds, built from all bits 0 by adding one bit at a time.
 fn table(weights: &[Entry]) -> [Entry; 256] {
     let mut table: [Entry; 256] = [[0; LANES]; 256];
     for w in weights {

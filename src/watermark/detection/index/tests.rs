@@ -11,7 +11,7 @@ fn codeword(seed: u32, bits: u32) -> Codeword {
     Codeword::new(&MarkKey::from_bytes(key), &Message::from_hex("c0ff", bits).unwrap())
 }
 
-/// An index of `count` records of 100 bits: the last byte of a row is not full.
+/// An index of `count` records of 100 bits, so that the last byte of a row is not full.
 fn index(count: u32, modulation: Modulation) -> CodewordIndex {
     let mut index = CodewordIndex::default();
     for seed in 0..count {

@@ -1,15 +1,15 @@
-//! Bits of a quantised suspect: which cell of its grid a vertex fell into.
+//! Bits of a quantised suspect, read from the cells of its grid that vertices fell into.
 //!
-//! The moves of a mark are tiny beside the steps of a coarse grid, so nearly all vertices fall into
-//! the same cell whether their bit is one or zero, and how far they then are from where they were
-//! says nothing. The few that stand near the edge of a cell say all the more: per vertex and axis the
-//! logarithm of how much likelier a one makes the cell than a zero does, summed per bin.
+//! The moves of a mark are tiny compared with the steps of a coarse grid. Nearly all vertices fall into
+//! the same cell whether their bit is one or zero, and their residuals are then no evidence. The few
+//! vertices near the edge of a cell are strong evidence. Per vertex and axis, the evidence is the
+//! logarithm of how much likelier a one makes the cell than a zero does. It is summed per bin.
 //!
-//! Of two keys each on ten meshes, quantised in place to 7, 6, 5 and 4 bits, 19 of 20, 19 of 20, 19 of 20
-//! and 8 of 10 are recognised; without the cells 19 of 20, 8, 4 and 0 of 10. The relief, far smaller than
-//! such steps, reads none below 7 bits.
+//! Measured on ten meshes with two keys each, quantised in place to 7, 6, 5 and 4 bits: 19 of 20, 19 of
+//! 20, 19 of 20 and 8 of 10 marks are recognised. Without the cells it is 19 of 20, 8, 4 and 0 of 10.
+//! The relief is far smaller than such steps and reads none below 7 bits.
 //!
-//! Nothing here may depend on the codeword: edges and errors are judged by how well ones and zeros
+//! Nothing here may depend on the codeword (I4). Edges and errors are judged by how well ones and zeros
 //! together explain the cells.
 
 use std::f64::consts::SQRT_2;
@@ -21,54 +21,58 @@ use super::{Correspondence, HostFilter, median};
 use crate::mesh::stop::{Stop, mapped};
 use crate::watermark::SoftBits;
 
-/// Standard error of a predicted displacement along an axis, as a share of the way from a zero to a
-/// one. The cells of exact-mean marks on a bunny, a horse, nefertiti, an armadillo and a rocker arm
-/// on grids of 3 to 5 bits are explained best by 0.02 (less was not tried), hardly worse by 0.1; no
-/// bound of 4 or 5 bits moves by more than 1.1 decades from 0.02 to 0.4.
+/// Standard error of a predicted displacement along an axis, as a share of the distance from a zero to
+/// a one. Cells of exact-mean marks on a bunny, a horse, nefertiti, an armadillo and a rocker arm on
+/// grids of 3 to 5 bits are explained best by 0.02 (smaller values were not tried) and hardly worse by
+/// 0.1. No bound at 4 or 5 bits changes by more than 1.1 decades from 0.02 to 0.4.
 const SHARE: f64 = 0.05;
 
-/// Probability that a vertex is anywhere. No such bound moves by more than 0.3 decades from 0.001 to
-/// 0.05.
+/// Probability that a vertex is a stray, which may be in any cell. No bound at 4 or 5 bits changes by
+/// more than 0.3 decades from 0.001 to 0.05.
 const STRAY: f64 = 0.01;
 
-/// By how much the suspect may have been roughened before it was quantised, in steps: what is tried.
+/// Values tried for the noise that was added to the suspect before it was quantised, in steps.
 const ROUGH: [f64; 10] = [0.0, 0.004, 0.008, 0.016, 0.031, 0.063, 0.125, 0.25, 0.5, 1.0];
 
-/// From here on residuals say as much as cells.
+/// From this noise on, residuals are as good evidence as cells.
 const TOO_ROUGH: f64 = 1.0;
 
-/// `erfc` of this is far below [`STRAY`].
+/// `erfc` of this value is far below [`STRAY`].
 const SURE: f64 = 4.0;
 
-/// Vertices that judge roughness, at the most.
+/// Largest number of vertices that judge the noise.
 const JUDGES: usize = 5000;
 
-/// Steps shorter than the typical way from a zero to a one, times this, are as good as none.
+/// A grid whose steps are shorter than this many times the typical distance from a zero to a one counts
+/// as no grid.
 const FINE: f64 = 1.0;
 
-/// Where levels may stand in their cells, in steps above the middle: rounded, cut off, rounded up.
+/// Where levels may lie in their cells, in steps above the middle: coordinates rounded to nearest, cut
+/// off, rounded up.
 const SHIFTS: [f64; 3] = [0.0, -0.5, 0.5];
 
-/// A vertex farther off than so many steps does not say where its level is within its cell.
+/// A vertex whose predicted position is more than this many steps off does not help to find where
+/// levels lie in their cells.
 const FAR: f64 = 1.5;
 
-/// A cell along one axis, and where a zero and a one would be.
+/// A cell along one axis, and the coordinates predicted for a zero and for a one.
 struct Cell {
     low: f64,
     high: f64,
     zero: f64,
     one: f64,
-    /// Of the prediction.
+    /// Standard error of the prediction.
     error: f64,
     step: f64,
 }
 
 impl Cell {
-    /// Probabilities of this cell for a zero and a one.
+    /// The probabilities that a zero and a one fall into this cell.
     fn likelihoods(&self, rough: f64) -> [f64; 2] {
         let spread = libm::hypot(self.error, rough * self.step) * SQRT_2;
         [self.zero, self.one].map(|at| {
-            // The probability of being below an edge, and no series where it is 0 or 1 anyhow.
+            // The probability of being below an edge; `erfc` is not computed where it is 0 or 1 in any
+            // case.
             let below = |edge: f64| match (at - edge) / spread {
                 far if far > SURE => 0.0,
                 far if far < -SURE => 1.0,
@@ -79,15 +83,15 @@ impl Cell {
     }
 }
 
-/// What all cells are made from.
+/// What all cells are computed from.
 struct View<'a> {
     filter: &'a HostFilter,
     grid: &'a Grid,
 }
 
 impl View<'_> {
-    /// The cell of a vertex along an axis, for levels that stand so far above the middle of their cells;
-    /// `None` off the levels, and for a vertex that says nothing.
+    /// The cell of a vertex along an axis, for levels that lie `shift` steps above the middle of their
+    /// cells. `None` when the vertex lies between levels or its bit does not move it.
     fn cell(&self, s: &Correspondence, k: usize, shift: f64) -> Option<Cell> {
         let carrier = s.carrier as usize;
         let difference = self.filter.difference[carrier];
@@ -105,13 +109,13 @@ impl View<'_> {
         })
     }
 
-    /// Its cells along all axes.
+    /// The cells of a vertex along all axes.
     fn cells(&self, s: &Correspondence, shifts: [f64; 3]) -> impl Iterator<Item = Cell> {
         (0..3).filter_map(move |k| self.cell(s, k, shifts[k]))
     }
 
-    /// The shift along an axis that explains the cells best: one of [`SHIFTS`], or the mean of where the
-    /// levels are seen.
+    /// The shift along an axis that explains the cells best: one of [`SHIFTS`], or the mean shift that
+    /// is observed.
     fn shift(&self, judges: &[&Correspondence], k: usize) -> f64 {
         let off = |s: &&Correspondence| {
             let cell = self.cell(s, k, 0.0)?;
@@ -136,8 +140,8 @@ impl View<'_> {
 }
 
 impl HostFilter {
-    /// Per bin how much likelier a one is than a zero, for a suspect on a grid; `None` where cells say no
-    /// more than residuals do, or once `stop` answers `true`.
+    /// Per bin how much likelier a one is than a zero, for a suspect on a grid. `None` where cells are
+    /// no better evidence than residuals, or once `stop` answers `true`.
     pub(super) fn by_cells(
         &self,
         correspondences: &[Correspondence],
@@ -176,8 +180,8 @@ impl HostFilter {
     }
 }
 
-/// How well the best of [`ROUGH`] explains the cells, by ones and zeros together (the logarithm of their
-/// likelihood), and which it is.
+/// The best fit of any noise of [`ROUGH`], and that noise. The fit is the logarithm of the likelihood
+/// of the cells, by ones and zeros together.
 fn roughness(cells: &[Cell]) -> (f64, f64) {
     let fit = |&rough: &f64| -> f64 {
         cells.iter().map(|cell| libm::log(cell.likelihoods(rough).iter().sum())).sum()
@@ -201,8 +205,8 @@ mod tests {
 
     type Snap = fn(f64) -> f64;
 
-    /// Where the carriers of a mark are seen when it is turned, put on a grid of so many steps along
-    /// its longest side by `snap`, and turned back.
+    /// Correspondences of a mark that is turned, put by `snap` on a grid of `steps` steps along its
+    /// longest side, and turned back.
     fn seen(
         marked: &Marked,
         filter: &HostFilter,
@@ -252,7 +256,7 @@ mod tests {
                     &Comparison::after(&filter, &correspondences, 0, &filter.middle, &never)
                         .alone(),
                 );
-                // Cut off, the flat sides of the gear are the edges of cells.
+                // With `floor`, the flat sides of the gear are the edges of cells.
                 assert!(cells < -10.0, "{sample} {steps}: {cells}");
                 assert!(cells <= residuals + 1e-9, "{sample} {steps}: {cells} {residuals}");
             }
@@ -262,7 +266,7 @@ mod tests {
     #[test]
     fn roughness_before_the_grid_is_found() {
         let cell = |rough: f64, k: u32| {
-            // Evenly spread levels of a normal distribution about where the vertex was.
+            // Evenly spread quantiles of a normal distribution about where the vertex was.
             let even = f64::from(k % 97) / 97.0 + 0.005;
             let off = rough * (even / (1.0 - even)).ln() / 1.702;
             let at = f64::from(k) * 0.618;

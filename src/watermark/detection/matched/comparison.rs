@@ -1,7 +1,7 @@
-//! A suspect seen through the filter of one layout class: the bits of one mark.
+//! A suspect compared with the filter of one layout class: the bits of one mark.
 //!
-//! Where several recipients averaged their copies, or a later mark lies over one, the relief is read;
-//! solving for others' marks together with this one is not needed any more.
+//! Absent: a joint estimate of several marks. Copies that several recipients averaged, and overmarked
+//! meshes, are read from the relief.
 
 use glam::{DQuat, DVec3};
 
@@ -11,14 +11,14 @@ use super::{Correspondence, HostFilter, grid_of};
 use crate::mesh::stop::Stop;
 use crate::watermark::SoftBits;
 
-/// A suspect, made ready to be read.
+/// A suspect, ready to be read.
 #[derive(Debug)]
 pub struct Comparison {
     rounds: usize,
     normal: Normal,
-    /// `t`.
+    /// The correlations `t`.
     along: Vec<f64>,
-    /// What the cells say, of a suspect on a coarse grid.
+    /// The soft bits of the cells, for a suspect on a coarse grid.
     cells: Option<SoftBits>,
 }
 
@@ -40,8 +40,8 @@ impl Comparison {
         Self { cells, ..Self::after(filter, correspondences, rounds, &middle, stop) }
     }
 
-    /// Of a suspect that was smoothed in so many rounds, which took the filter's middle to `middle`.
-    /// Worth nothing once `stop` answers `true`.
+    /// The comparison with a suspect smoothed in this many rounds, which took the filter's middle to
+    /// `middle`. The result must be discarded once `stop` answers `true`.
     pub(super) fn after(
         filter: &HostFilter,
         correspondences: &[Correspondence],
@@ -49,7 +49,7 @@ impl Comparison {
         middle: &[DVec3],
         stop: Stop<'_>,
     ) -> Self {
-        // Nothing is paired with no weights.
+        // Without weights, no correspondence is used.
         let weights = filter.weights(correspondences, rounds, middle, stop).unwrap_or_default();
         let mut rest = vec![DVec3::ZERO; middle.len()];
         let mut seen = vec![0.0; middle.len()];
@@ -68,13 +68,13 @@ impl Comparison {
         Self { rounds, normal, along, cells: None }
     }
 
-    /// How many rounds of smoothing the suspect seems to have been through.
+    /// The estimated number of rounds of smoothing that the suspect went through.
     #[must_use]
     pub fn rounds(&self) -> usize {
         self.rounds
     }
 
-    /// The bits.
+    /// The soft bits of this mark.
     #[must_use]
     pub fn alone(&self) -> SoftBits {
         match &self.cells {

@@ -2,27 +2,28 @@
 //!
 //! Must not know meshes.
 
-/// Least ridge, a share of each bin's energy; and the share of the mean energy below which a bin
-/// says nothing.
+/// Least ridge, as a share of each bin's energy; and the share of the mean energy below which a bin is
+/// an erasure.
 pub(super) const LEAST_RIDGE: f64 = 0.02;
 const LEAST_ENERGY: f64 = 1e-9;
 
-/// Conjugate gradients: steps at the most, and the share of the squared residual that may be left.
+/// Conjugate gradients: largest number of steps, and the share of the squared residual that may be
+/// left.
 const MOST_GRADIENTS: usize = 40;
 const CLOSE: f64 = 1e-8;
 
-/// `G` with what makes it solvable: with `E` its diagonal, `A = E^-1/2 G E^-1/2 + ridge`, where the
-/// ridge is that of the estimate of least mean square error for half a sign each (variance 1/4) in
-/// noise of a given variance. What comes out is, per bin, its estimated sign times the size of what it
-/// is estimated from.
+/// The regularised `G`. With `E` its diagonal, `A = E^-1/2 G E^-1/2 + ridge`. The ridge is that of the
+/// estimate of least mean square error for signs that count one half each (variance 1/4) in noise of a
+/// given variance. The solution is, per bin, the estimated sign times the square root of the bin's
+/// energy.
 ///
-/// Conjugate gradients: `G` is positive semidefinite only up to the neighbours that the kernel's
-/// cut neglects, and they stop where a factorisation would blow up.
+/// Conjugate gradients are used because `G` is positive semidefinite only up to the neighbours that the
+/// cut of the kernel neglects. Conjugate gradients stop where a factorisation would diverge.
 #[derive(Debug)]
 pub(super) struct Normal {
     /// `G`, row by row.
     gram: Vec<f64>,
-    /// `E^-1/2`, zero for a bin that says nothing.
+    /// `E^-1/2`, zero for an erasure.
     size: Vec<f64>,
     ridge: Vec<f64>,
 }
@@ -32,7 +33,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 impl Normal {
-    /// `G` of `n` bins, and the variance of the noise.
+    /// From `G` of `n` bins and the variance of the noise.
     pub(super) fn new(gram: Vec<f64>, n: usize, noise: f64) -> Self {
         let energy: Vec<f64> = (0..n).map(|i| gram[i * n + i].max(0.0)).collect();
         let least = LEAST_ENERGY * energy.iter().sum::<f64>() / n.max(1) as f64;

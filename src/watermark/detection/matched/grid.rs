@@ -13,33 +13,34 @@ pub(super) struct Levels {
     pub(super) step: f64,
 }
 
-/// A grid along three directions, each with levels of its own; none where all points have the same
-/// coordinate.
+/// A grid along three directions, each with its own levels. An axis along which all points have the
+/// same coordinate has no levels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Grid {
     pub(super) axes: [DVec3; 3],
     pub(super) levels: [Option<Levels>; 3],
 }
 
-/// Coordinates without another one as close as this share of the range are taken for strays.
+/// A coordinate counts as a stray when no other is within this share of the range.
 const ALIKE: f64 = 1e-6;
 
-/// Strays that a grid may have, as a share of the points.
+/// Share of the points that may be strays.
 const STRAYS: f64 = 0.1;
 
-/// Coordinates per level that there must be on average. Ordinary files have as many levels as
-/// vertices, or as their decimals allow, and then are on a grid indeed.
+/// Least average number of coordinates per level. Ordinary files have about as many levels as vertices,
+/// or as their decimals allow; in the second case they lie on a grid.
 const CROWD: usize = 8;
 
-/// Share of a step that a coordinate may be off its level, by decimals or single precision or
-/// because the mesh was moved afterwards; coordinates off any grid are within it by that chance twice.
+/// Share of a step that a coordinate may be off its level, because of decimals, single precision or a
+/// later move of the mesh. Coordinates on no grid are within it with twice this probability.
 const OFF: f64 = 0.1;
 
-/// Share of the coordinates that must be within [`OFF`].
+/// Share of the coordinates that must be within [`OFF`] of a level.
 const MOST: f64 = 0.95;
 
 impl Grid {
-    /// The grid that the points lie on, along these orthonormal axes; `None` once `stop` answers `true`.
+    /// The grid that the points lie on, along these orthonormal axes; `None` when there is none, or
+    /// once `stop` answers `true`.
     pub(super) fn of(
         points: &(impl Iterator<Item = DVec3> + Clone),
         axes: [DVec3; 3],
@@ -53,12 +54,13 @@ impl Grid {
             match Coordinates::new(&all, stop) {
                 Coordinates::Same => {}
                 Coordinates::Levels(found) => levels[k] = Some(found),
-                // One axis may leave it open, two are none.
+                // One axis without clear levels is decided below; two mean no grid.
                 Coordinates::Free if unsure.is_empty() => unsure.push((k, all)),
                 Coordinates::Free => return None,
             }
         }
-        // A thin object has too few levels for their step to be seen: it is that of another axis.
+        // A thin object has too few levels for their step to be estimated; the step of another axis is
+        // taken.
         let step = levels.iter().flatten().next()?.step;
         for (k, all) in unsure {
             levels[k] = Some(Levels::of_step(&all, step)?);
@@ -68,19 +70,19 @@ impl Grid {
 }
 
 impl Levels {
-    /// Levels of a known step, if most of the sorted coordinates are on some.
+    /// Levels of a known step, if most of the sorted coordinates lie on them.
     fn of_step(all: &[f64], step: f64) -> Option<Self> {
         let levels = Self { origin: *all.get(all.len() / 2)?, step };
         levels.hold(all, all.len()).then_some(levels)
     }
 
-    /// Whether as many coordinates are on these levels as there should be out of so many.
+    /// Whether at least the share [`MOST`] of `of` coordinates lies on these levels.
     fn hold(&self, all: &[f64], of: usize) -> bool {
         let on = all.iter().filter(|&&x| self.snapped(x).is_some()).count();
         on as f64 >= MOST * of as f64
     }
 
-    /// The level that a coordinate is on; `None` between levels.
+    /// The level that a coordinate lies on; `None` between levels.
     pub(super) fn snapped(&self, x: f64) -> Option<f64> {
         let k = ((x - self.origin) / self.step).round();
         let level = self.origin + k * self.step;
@@ -97,7 +99,7 @@ enum Coordinates {
 }
 
 impl Coordinates {
-    /// Of sorted numbers.
+    /// Classifies sorted coordinates.
     fn new(all: &[f64], stop: Stop<'_>) -> Self {
         let (Some(&low), Some(&high)) = (all.first(), all.last()) else { return Self::Free };
         let range = high - low;
@@ -124,7 +126,7 @@ impl Coordinates {
     }
 }
 
-/// The gap between neighbours that half of the range is covered by gaps no smaller than.
+/// The gap size at which the gaps at least as large cover half of the range.
 fn typical_gap(along: &[f64], stop: Stop<'_>) -> Option<f64> {
     let gaps = along.windows(2).map(|x| x[1] - x[0]).collect();
     let gaps = sorted(gaps, stop, |a, b| b.total_cmp(a))?;
@@ -137,7 +139,7 @@ fn typical_gap(along: &[f64], stop: Stop<'_>) -> Option<f64> {
     (gap > 0.0).then_some(gap)
 }
 
-/// Levels through the means of runs that are about multiples of a step apart (least squares).
+/// Levels fitted by least squares to the means of runs, whose distances are about multiples of `step`.
 fn fitted(runs: &[&[f64]], step: f64) -> Option<Levels> {
     let mean = |run: &[f64]| run.iter().sum::<f64>() / run.len() as f64;
     let first = mean(runs.first()?);
@@ -170,7 +172,7 @@ mod tests {
         Grid::of(&points.iter().copied(), axes, &crate::mesh::stop::never)
     }
 
-    /// A mesh on a grid of this step, somewhere.
+    /// A mesh on a grid of this step, at some origin.
     fn snapped(sample: Sample, step: f64) -> Vec<DVec3> {
         let mesh = sample.mesh(12_000).unwrap();
         let origin = DVec3::new(0.3, -7.1, 0.02);

@@ -1,20 +1,21 @@
 //! The matched filter: reads a suspect whose vertices still are the host's (method section 7).
 //!
-//! Bins ask how far a vertex is from the centre; this asks how far it is from where the host had
-//! it. From the host and a mark key follow the displacements for a codeword of ones, `d1`, and of
-//! zeros, `d0`, whatever the record's own codeword is. A carrier `j` of bin `i` stands at
-//! `host + m + c_i D / 2 + noise`, with `m = (d1 + d0) / 2`, `D = d1 - d0` and `c_i` the codeword's
-//! sign: per bin a correlation of the residual with `D` is all that can be known.
+//! Bins use the distance of a vertex from the centre; this filter uses its displacement from its
+//! position in the host. From the host and a mark key follow the displacements for a codeword of ones,
+//! `d1`, and of zeros, `d0`, whatever the record's own codeword is. A carrier `j` of bin `i` stands at
+//! `host + m + c_i Delta / 2 + noise`, with `m = (d1 + d0) / 2`, `Delta = d1 - d0` and `c_i` the
+//! codeword's sign. Per bin, all information is in the correlation of the residual with `Delta`.
 //!
-//! A smoothed suspect stands at `S(host + m + sum_i c_i D_i / 2)`, with `S` the smoothing, which is
-//! linear, and `D_i` the part of `D` in bin `i`: neighbouring bins run into each other. The least
-//! squares estimate of `c` undoes that: with `T_i = S D_i`, solve `G c = t` for `t_i = <r, T_i>` and
-//! `G_ik = <T_i, T_k>`; by the adjoint, `<r, S D_i> = <S* r, D_i>`, one smoothing serves all bins.
+//! A smoothed suspect stands at `S(host + m + sum_i c_i Delta_i / 2)`, with the linear smoothing `S`
+//! and the part `Delta_i` of `Delta` in bin `i`: neighbouring bins run into each other. The least
+//! squares estimate of `c` separates them. With `T_i = S Delta_i`, it solves `G c = t` for
+//! `t_i = <r, T_i>` and `G_ik = <T_i, T_k>`. By the adjoint, `<r, S Delta_i> = <S* r, Delta_i>`, so one
+//! smoothing serves all bins.
 //!
-//! A suspect on a coarse grid is read from the cells that its vertices fell into instead (`cells`).
+//! Module `cells` reads a suspect on a coarse grid from the cells that its vertices fell into.
 //!
-//! Nothing here may depend on the codeword. Must not know how suspects are brought into the host's
-//! coordinates, or which of their vertices is whose.
+//! Nothing here may depend on the codeword (I4). Must not know how suspects are brought into the host's
+//! coordinates, or how correspondences are found.
 
 mod cells;
 mod comparison;
@@ -42,32 +43,33 @@ use crate::watermark::{BitCount, Codeword, EmbedParams, SoftBits, WatermarkError
 /// A carrier of the host, and where the suspect has it, in the host's coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Correspondence {
-    /// Which carrier.
+    /// Index of the carrier.
     pub carrier: u32,
-    /// Where it is.
+    /// Its position in the suspect, in the host's coordinates.
     pub at: DVec3,
 }
 
-/// A carrier outside the bin layout.
+/// The bin of a carrier outside the bin layout.
 const NO_BIN: u16 = u16::MAX;
 
-/// Passes for all ones and all zeros. The second knows which vertices the guard stiffens.
+/// Passes for each of the two codewords, all ones and all zeros. The second pass knows which vertices
+/// the guard stiffens.
 const PASSES: usize = 2;
 
-/// Residuals that judge a number of rounds, at the most.
+/// Largest number of residuals that judge a number of rounds.
 const JUDGES: usize = 20_000;
 
-/// Standard deviations of the kernel of `S* S` beyond which it is taken to reach no bin. What is
-/// neglected falls on other bins and the estimate blows it up. Measured on exact-mean marks smoothed
-/// 10 and 20 times in place (log10 of the bound for one record): with 1.8 here -1 to -9, with 3
-/// -17.5 to -19.3, from 5 the -19.3 of the full matrix.
+/// Standard deviations of the kernel of `S* S` beyond which the kernel is taken to reach no bin. What
+/// is neglected falls on other bins, and the estimate amplifies it. Measured on exact-mean marks
+/// smoothed 10 and 20 times in place (log10 of the bound for one record): -1 to -9 with 1.8, -17.5 to
+/// -19.3 with 3, and from 5 on the -19.3 of the full matrix.
 const KERNEL: f64 = 4.0;
 
-/// Median of a Rayleigh-like residual to its scale; any constant near one serves, for it moves
-/// only the knee of the weights.
+/// The knee of Cauchy's weights, as a multiple of the median of a Rayleigh-like residual. Any constant
+/// near one serves, because the constant moves only this knee.
 const KNEE: f64 = 2.0;
 
-/// What a host and a mark key let expect.
+/// What is expected of the carriers of a host under one layout class.
 #[derive(Debug, Clone)]
 pub struct HostFilter {
     surface: Surface,
@@ -77,14 +79,14 @@ pub struct HostFilter {
     stride: f64,
     /// Per carrier its bin in the host's own frame.
     bins: Vec<u16>,
-    /// Per carrier where it stands half-way between a one and a zero.
+    /// Per carrier its position half-way between a zero and a one.
     middle: Vec<DVec3>,
-    /// Per carrier the way from a zero to a one.
+    /// Per carrier the vector from its position for a zero to that for a one.
     difference: Vec<DVec3>,
 }
 
 impl HostFilter {
-    /// What a mark of these parameters does to the `host`, for the layout class of its key.
+    /// The filter of marks with these parameters on the `host`, for the layout class of their key.
     ///
     /// # Errors
     /// [`WatermarkError::NoRadialExtent`].
@@ -92,7 +94,7 @@ impl HostFilter {
         Self::new_until(host, class, params, &|| false)
     }
 
-    /// The same, asking `stop` between passes.
+    /// As [`Self::new`], calling `stop` between passes.
     ///
     /// # Errors
     /// Also [`WatermarkError::Cancelled`].
@@ -167,7 +169,7 @@ impl HostFilter {
         &self.surface
     }
 
-    /// Bytes that it takes in memory, about.
+    /// Approximate size in memory, in bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         const CARRIER: usize = 3 * size_of::<DVec3>() + size_of::<u16>() + size_of::<u32>();
@@ -178,16 +180,16 @@ impl HostFilter {
             + self.smoothing.bytes()
     }
 
-    /// A suspect looked at through this filter. `turned` when a similarity, which turned it so, brought
-    /// it to the host: its grid, if it has one, was turned with it, and the scale may be wrong by what
-    /// smoothing shrank.
+    /// A suspect compared with this filter. `turned` is the rotation of the similarity that brought the
+    /// suspect to the host, `None` when the suspect was in place. The similarity turned the suspect's
+    /// grid too, if there is one, and its scale may be wrong by the shrinkage of smoothing.
     #[must_use]
     pub fn compare(&self, correspondences: &[Correspondence], turned: Option<DQuat>) -> Comparison {
         self.compare_until(correspondences, turned, &|| false)
     }
 
-    /// The same, asking `stop` before each number of rounds of smoothing that is tried; what comes out
-    /// once it answers `true` is worth nothing.
+    /// As [`Self::compare`], calling `stop` before each number of rounds of smoothing that is tried.
+    /// The result must be discarded once `stop` answers `true`.
     #[must_use]
     pub fn compare_until(
         &self,
@@ -198,25 +200,25 @@ impl HostFilter {
         Comparison::new(self, correspondences, turned, stop)
     }
 
-    /// Soft bits of a suspect that lies where the host does; also how many rounds of smoothing it seems
-    /// to have been through.
+    /// Soft bits of a suspect in place, and the estimated number of rounds of smoothing it went
+    /// through.
     #[must_use]
     pub fn read(&self, correspondences: &[Correspondence]) -> (SoftBits, usize) {
         let comparison = self.compare(correspondences, None);
         (comparison.alone(), comparison.rounds())
     }
 
-    /// How many bins apart two must be for smoothing not to make them meet.
+    /// The least distance of two bins, in bins, at which smoothing does not mix them.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
     fn apart(&self, rounds: usize) -> usize {
-        // Each round of `S` and each of `S*` adds a step's variance half of the time.
+        // Each round of `S` and each of `S*` adds the variance of one step with probability one half.
         let reach = KERNEL * self.stride * (2.0 * HALF * rounds as f64).sqrt();
         let bins = self.bits.get();
         (2.0 * reach.ceil() + 1.0).clamp(1.0, bins as f64) as usize
     }
 
-    /// Cauchy's weights: a vertex that is someone else's, or was torn away, hardly counts.
-    /// None once `stop` answers `true`.
+    /// Cauchy's weights: a wrong correspondence or a vertex that was torn away hardly counts. `None`
+    /// once `stop` answers `true`.
     fn weights(
         &self,
         correspondences: &[Correspondence],
@@ -230,7 +232,7 @@ impl HostFilter {
             if rounds > 0 {
                 return rest.length();
             }
-            // The distance to the nearer of what a one and a zero would leave.
+            // The smaller of the residuals that a one and a zero would leave.
             let half = 0.5 * self.difference[carrier];
             (rest - half).length_squared().min((rest + half).length_squared()).sqrt()
         };
@@ -241,7 +243,7 @@ impl HostFilter {
         Some(off.into_iter().map(weight).collect())
     }
 
-    /// `<field, D_i>` for each bin.
+    /// `<field, Delta_i>` for each bin.
     fn along(&self, field: &[DVec3]) -> Vec<f64> {
         let mut along = vec![0.0; self.bits.get()];
         for ((field, difference), &bin) in field.iter().zip(&self.difference).zip(&self.bins) {
@@ -252,8 +254,8 @@ impl HostFilter {
         along
     }
 
-    /// `G`, row by row. One smoothing serves all bins that are too far apart to meet: each
-    /// `classes`-th. Worth nothing once `stop` answers `true`.
+    /// `G`, row by row. One smoothing serves all bins that are too far from each other to mix: every
+    /// `classes`-th bin. The result must be discarded once `stop` answers `true`.
     fn gram(&self, seen: &[f64], rounds: usize, classes: usize, stop: Stop<'_>) -> Vec<f64> {
         let bins = self.bits.get();
         let mut gram = vec![0.0; bins * bins];
@@ -288,7 +290,7 @@ impl HostFilter {
     }
 }
 
-/// The grid that a suspect was put on after it was turned, or before.
+/// The grid that a suspect was put on, either before `turned` or in its present coordinates.
 fn grid_of(correspondences: &[Correspondence], turned: DQuat, stop: Stop<'_>) -> Option<Grid> {
     let along = |axes| Grid::of(&correspondences.iter().map(|s| s.at), axes, stop);
     along(DVec3::AXES.map(|axis| turned * axis)).or_else(|| along(DVec3::AXES))
@@ -362,7 +364,7 @@ mod tests {
         }
     }
 
-    /// In [-1, 1], for each vertex and axis its own.
+    /// Noise in [-1, 1], different for each vertex and axis.
     fn noise(v: usize) -> DVec3 {
         let one = |k: f64| (((v as f64 + 1.0) * k).sin() * 43_758.545_3).fract();
         DVec3::new(one(12.9898), one(78.233), one(37.719))

@@ -1,6 +1,6 @@
-//! A small similarity that moves points onto others, weighted against outliers.
+//! A small similarity that moves points onto others, with weights against outliers.
 //!
-//! For points that are nearly there: turns are taken for small, step by step. Must not know marks.
+//! For points that nearly coincide: each step linearises the rotation. Must not know marks.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -11,7 +11,7 @@ use crate::mesh::stop::Stop;
 /// Rounds of reweighting.
 const ROUNDS: usize = 3;
 
-/// Share of the cube of its trace below which a tensor of inertia fixes no rotation.
+/// Share of the cube of its trace below which the determinant of an inertia tensor fixes no rotation.
 const FLAT: f64 = 1e-12;
 
 /// `x -> linear x + shift`, where `linear` turns and scales.
@@ -22,16 +22,16 @@ pub(super) struct Nudge {
 }
 
 impl Nudge {
-    /// Leaves everything where it is.
+    /// The identity.
     pub(super) const NONE: Self = Self { linear: DMat3::IDENTITY, shift: DVec3::ZERO };
 
-    /// Where `p` goes.
+    /// The image of `p`.
     pub(super) fn apply(&self, p: DVec3) -> DVec3 {
         self.linear * p + self.shift
     }
 
-    /// One that takes the first points of these pairs to the second ones with small weighted squares,
-    /// starting from here. Worth nothing once `stop` answers `true`.
+    /// The similarity that takes the first points of the pairs to the second ones by weighted least
+    /// squares, starting from `self`. The result must be discarded once `stop` answers `true`.
     pub(super) fn onto(mut self, pairs: &[(DVec3, DVec3)], stop: Stop<'_>) -> Self {
         for _ in 0..ROUNDS {
             if stop() {
@@ -54,8 +54,8 @@ impl Nudge {
         self
     }
 
-    /// One step of least squares. As for alignments, it is the first points that are disturbed, and so
-    /// the second ones that the scale is a ratio of.
+    /// One step of least squares. As in registration, the noise is in the first points, and the scale
+    /// is therefore the square of the second points over the cross term.
     fn step(&self, pairs: &[(DVec3, DVec3)], weights: &[f64]) -> Option<Self> {
         let moved = || pairs.iter().zip(weights).map(|(&(a, b), &w)| (self.apply(a), b, w));
         let (mut sum, mut a_mean, mut b_mean) = (0.0, DVec3::ZERO, DVec3::ZERO);
@@ -94,7 +94,7 @@ impl Nudge {
 mod tests {
     use super::*;
 
-    /// Points that fill a box, and where they are taken from.
+    /// Points that fill a box, each after its image under the given similarity.
     fn pairs(turn: DVec3, scale: f64, shift: DVec3, wrong: usize) -> Vec<(DVec3, DVec3)> {
         let back = |p: DVec3| DQuat::from_scaled_axis(turn) * p * scale + shift;
         let at = |k: usize| {

@@ -1,4 +1,5 @@
-//! The smoothing that a suspect may have been through, on the host's vertices, and its adjoint.
+//! The smoothing that a suspect may have been through, as an operator on the host's vertices, and its
+//! adjoint.
 //!
 //! Must not know marks.
 
@@ -8,10 +9,10 @@ use crate::mesh::adjacency::Adjacency;
 use crate::mesh::stop::{STEP, Stop, changed, go_on};
 use crate::mesh::surface::Surface;
 
-/// Weight of each neighbour's mean per round of smoothing.
+/// Weight of the neighbours' mean per round of smoothing.
 pub(super) const HALF: f64 = 0.5;
 
-/// A neighbour, and how many triangles it shares with the vertex.
+/// A neighbour, and the number of triangles that it shares with the vertex.
 #[derive(Debug, Clone, Copy)]
 struct Link {
     to: u32,
@@ -21,15 +22,15 @@ struct Link {
 /// `S`, umbrella smoothing with `lambda` 0.5, on a surface.
 #[derive(Debug, Clone)]
 pub(super) struct Smoothing {
-    /// Where each vertex's links start, and where the last ones end.
+    /// Where each vertex's links start; the last entry is the end of all links.
     starts: Vec<usize>,
     links: Vec<Link>,
-    /// Per vertex one over the sum of its links' `times`; 0 without links.
+    /// Per vertex the reciprocal of the sum of its links' `times`; 0 without links.
     shares: Vec<f64>,
 }
 
 impl Smoothing {
-    /// On this surface; `None` once `stop` answers `true`.
+    /// The smoothing of this surface; `None` once `stop` answers `true`.
     pub(super) fn new_until(surface: &Surface, stop: Stop<'_>) -> Option<Self> {
         let count = surface.positions.len();
         let adjacency = Adjacency::new_until(count, &surface.triangles, stop)?;
@@ -54,14 +55,14 @@ impl Smoothing {
         Some(Self { starts, links, shares })
     }
 
-    /// Bytes that it takes in memory, about.
+    /// Approximate size in memory, in bytes.
     pub(super) fn bytes(&self) -> usize {
         self.links.len() * size_of::<Link>()
             + self.shares.len() * (size_of::<usize>() + size_of::<f64>())
     }
 
-    /// `S`: rounds of going half-way to the mean of the neighbours (each triangle counts its
-    /// corners). Worth nothing once `stop` answers `true`.
+    /// `S`: each round moves every vertex half-way to the mean of its neighbours, where each triangle
+    /// counts its corners. The result must be discarded once `stop` answers `true`.
     pub(super) fn smoothed_until(
         &self,
         mut field: Vec<DVec3>,
@@ -86,7 +87,8 @@ impl Smoothing {
         field
     }
 
-    /// `S*`: the same, the other way round. Worth nothing once `stop` answers `true`.
+    /// `S*`: the adjoint of the same number of rounds. The result must be discarded once `stop` answers
+    /// `true`.
     pub(super) fn adjoint_until(
         &self,
         mut field: Vec<DVec3>,
@@ -110,7 +112,7 @@ impl Smoothing {
         field
     }
 
-    /// Per vertex what `of` makes of it and the sum over its neighbours.
+    /// Sets each vertex to the value of `of` for the vertex and the sum over its neighbours.
     fn round_of(
         &self,
         field: &[DVec3],

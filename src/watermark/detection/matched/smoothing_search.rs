@@ -1,11 +1,11 @@
-//! How much a suspect was smoothed: the host is smoothed alike until it fits.
+//! How much a suspect was smoothed: the host is smoothed until it fits the suspect best.
 //!
-//! The similarity that brought a moved suspect to the host was fitted to the host as it was, and took
-//! the shrinkage of smoothing for a scale. So it is fitted anew to each smoothed host.
+//! A similarity that brought a moved suspect to the host was fitted to the unsmoothed host and took the
+//! shrinkage of smoothing for a scale. The similarity is therefore fitted anew to each smoothed host.
 //!
-//! Worth its place beside the relief on meshes of few vertices: of two keys each on ten meshes, after 10
-//! and 20 rounds of smoothing, moved, 20 and 20 of 20 are recognised; without it 18 of 20 and 8 of 10, and
-//! on a mesh of 10,000 vertices none.
+//! The search adds to the relief on meshes of few vertices. Measured on ten meshes with two keys each,
+//! moved, after 10 and 20 rounds of smoothing: 20 and 20 of 20 marks are recognised. Without the search
+//! it is 18 of 20 and 8 of 10, and none on a mesh of 10,000 vertices.
 //!
 //! Must not know codewords.
 
@@ -14,29 +14,29 @@ use glam::DVec3;
 use super::nudge::Nudge;
 use super::{Correspondence, HostFilter, JUDGES, median};
 
-/// Half-way rounds of smoothing (`lambda` 0.5) that are tried first; then those about the best.
+/// Rounds of smoothing (`lambda` 0.5) that are tried first; then those next to the best.
 const SMOOTHINGS: [usize; 14] = [0, 1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 50, 70];
 
-/// Numbers of rounds that may fit no better than fewer did before the search ends.
+/// How many numbers of rounds in a row may fit no better than fewer rounds did before the search ends.
 const PATIENCE: usize = 2;
 
-/// Share of the misfit without smoothing below which a suspect counts as smoothed at all.
+/// Share of the misfit without smoothing below which a suspect counts as smoothed.
 const CLEARLY: f64 = 0.95;
 
-/// A misfit below this many times the typical move of a mark is the mark's own, and no smoothing is
-/// looked for.
+/// A misfit below this many times the typical move of a mark comes from the mark, and smoothing is not
+/// searched for.
 const OWN: f64 = 1.1;
 
-/// The host made alike.
+/// The host, smoothed as much as the suspect.
 pub(super) struct Alike {
     pub(super) rounds: usize,
     /// `HostFilter::middle` after so many rounds.
     pub(super) middle: Vec<DVec3>,
-    /// Moves sightings to where they fit it best.
+    /// Moves correspondences to where they fit the smoothed host best.
     pub(super) nudge: Nudge,
 }
 
-/// A number of rounds, as it fits.
+/// A number of rounds, and how well it fits.
 struct Trial {
     misfit: f64,
     nudge: Nudge,
@@ -45,7 +45,8 @@ struct Trial {
 }
 
 impl HostFilter {
-    /// As many rounds of smoothing as fit the suspect best; `moved` when a similarity brought it here.
+    /// The number of rounds of smoothing that fits the suspect best; `moved` when a similarity brought
+    /// the suspect to the host.
     pub(super) fn alike(
         &self,
         correspondences: &[Correspondence],
@@ -78,7 +79,7 @@ impl HostFilter {
         }
         let mut nudge = best.nudge;
         let (mut rounds, mut worse, mut least) = (0, 0, best.misfit);
-        // What the best was smoothed from, and which number was tried after it.
+        // What the best was smoothed from, and the number tried after it.
         let (mut before, mut after) = ((0, now.clone()), None);
         for upto in SMOOTHINGS.into_iter().skip(1) {
             if stop() {
@@ -89,7 +90,8 @@ impl HostFilter {
             rounds = upto;
             let tried = trial(rounds, &now, nudge);
             nudge = tried.1;
-            // After many rounds, the first few make up for little.
+            // Any decrease counts: for a suspect after many rounds, the first few rounds reduce the
+            // misfit only a little.
             worse = if tried.0 < least { 0 } else { worse + 1 };
             least = least.min(tried.0);
             let clearly = if best.rounds == 0 { CLEARLY } else { 1.0 };
@@ -106,7 +108,7 @@ impl HostFilter {
         if best.rounds == 0 {
             return Alike { rounds: 0, middle: best.middle, nudge: Nudge::NONE };
         }
-        // Between the numbers of the table, one by one.
+        // The numbers of rounds between entries of the table, one by one.
         let (mut rounds, mut now) = before;
         let mut worse = 0;
         nudge = best.nudge;
@@ -157,7 +159,7 @@ mod tests {
                     .map(|(carrier, p)| Correspondence { carrier, at: at(*p) })
                     .collect()
             };
-            // A fit to the unsmoothed host makes up for some of the shrinkage.
+            // A fit to the unsmoothed host compensates some of the shrinkage.
             let cases = [(seen(&|p| p), false), (seen(&|p| turn * (1.01 * p) + 0.002), true)];
             for (correspondences, moved) in cases {
                 assert_eq!(

@@ -1,11 +1,11 @@
-//! The centre about which the norms look most like marked ones.
+//! The search for the centre about which the norms look most like those of a marked mesh.
 //!
-//! A mark pushes the norms of every bin to one of its sides, so that about the right centre their
-//! density has steps at the scale of a bin; about another centre, off by a third of a bin width
-//! or more, norms of different directions smear them. Hence a centre is judged by the roughness of
-//! its histogram at that scale, which needs no bin layout. A cut of 2 % moves the centre by 0.4 to
-//! 1.6 % of the diagonal, one to three bin widths of 64 (measured on bunny, horse, nefertiti and
-//! armadillo): a ball of a few thousand centres.
+//! A mark pushes the norms of every bin to one side of the bin, so that about the right centre the
+//! density of the norms has steps at the scale of a bin. A centre that is off by a third of a bin width
+//! or more mixes norms of different directions and blurs these steps. A centre is therefore judged by
+//! the roughness of its histogram of norms at that scale, which needs no bin layout. A cut of 2 % moves
+//! the centre by 0.4 to 1.6 % of the diagonal, one to three bin widths of 64 (measured on bunny, horse,
+//! nefertiti and armadillo). A ball of that radius holds a few thousand centres.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -18,40 +18,41 @@ use crate::watermark::{BitCount, Frame, Modulation};
 /// Histogram cells per bin of the middle layout class.
 const CELLS_PER_BIN: f64 = 8.0;
 
-/// A bin of the middle layout class, as a share of the radial extent over M.
+/// Width of a bin of the middle layout class, as a share of the radial extent over M.
 const MIDDLE_BIN: f64 = 0.85;
 
-/// Points that are looked at: so many a bin, when looking around and when looking closely.
+/// Points per bin that are read in the coarse search over the ball and in the fine search about the
+/// best centres.
 const POINTS_PER_BIN: (usize, usize) = (64, 256);
 
-/// Half the edge of a cell of the body-centred grid of centres, in bins: no centre is farther than
-/// 0.35 bins from one of the grid, where half of the roughness is left.
+/// Half the edge of a cell of the body-centred grid of centres, in bins. No centre is farther than 0.35
+/// bins from a grid point, a distance at which half of the roughness is left.
 const STEP: f64 = 0.313;
 
-/// Centres that are looked at closely, per centre wanted.
+/// Centres that the fine search starts from, per requested centre.
 const CLOSER_LOOKS: usize = 4;
 
-/// Points whose distances are worked out together.
+/// Points whose distances are computed together.
 const LOT: usize = 256;
 
-/// Steps of the closer look, in bins.
+/// Steps of the fine search, in bins.
 const CLOSER_STEPS: [f64; 4] = [0.2, 0.1, 0.05, 0.025];
 
-/// Moves of the closer look at one step length.
+/// Largest number of moves of the fine search at one step length.
 const MOST_MOVES: usize = 12;
 
-/// The radius of a search is at most its share of the diagonal times this many bins: a third more
-/// than a bin of 64 of a long shape makes of it.
+/// The radius of a search is at most its share of the diagonal times this many bins: a third more than
+/// the diagonal of a long shape has in bins of a 64-bit mark.
 const BINS_PER_RADIUS: f64 = 300.0;
 
-/// Points that are looked at, at the most.
+/// Largest number of points that are read.
 const MOST_POINTS: usize = 32_768;
 
-/// A histogram cell counts at most this much, in units of its own variance: a cylinder has all of
-/// its norms in one cell and says nothing about a mark.
+/// A histogram cell counts at most this much, in units of its own variance. A cylinder has all of its
+/// norms in one cell, which is no evidence of a mark.
 const CAP: f32 = 16.0;
 
-/// The best centres other than the body's own, best first.
+/// The best centres other than the body's own, the best first.
 pub fn search(
     body: &Body,
     bits: BitCount,
@@ -61,7 +62,8 @@ pub fn search(
 ) -> Vec<DVec3> {
     let frame = Frame::spanning(body.centre, &norms(&body.positions, body.centre));
     let bin = MIDDLE_BIN * frame.radial_extent() / bits.get() as f64;
-    // A round shape's bins are thin, and so are those of many bits: no more centres for them.
+    // Round shapes and large numbers of bits have narrow bins. The second bound keeps the number of
+    // centres from growing with them.
     let radius = (effort.radius * body.diagonal).min(BINS_PER_RADIUS * effort.radius * bin);
     if !(bin > 0.0 && effort.candidates > 0) {
         return Vec::new();
@@ -77,7 +79,7 @@ pub fn search(
         )
         .collect();
     seen.sort_by(|a, b| b.0.total_cmp(&a.0));
-    // Neighbours of a better one lead to the same place.
+    // A neighbour of a better centre leads to the same maximum.
     let mut starts: Vec<Vec3> = vec![Vec3::ZERO];
     for (_, at) in seen {
         if starts.len() > CLOSER_LOOKS * effort.candidates {
@@ -108,15 +110,15 @@ pub fn search(
     centres.into_iter().map(|at| body.centre + bin * at.as_dvec3()).collect()
 }
 
-/// Rounds to single precision: offsets and counts here need no more.
+/// Rounds to single precision, which suffices for offsets and counts here.
 fn single(x: f64) -> f32 {
     #[expect(clippy::cast_possible_truncation, reason = "rounding is meant")]
     let x = x as f32;
     x
 }
 
-/// The points of a body-centred cubic grid within `radius` of zero, in a fixed order: it covers a
-/// ball with half the points of a cubic one.
+/// The points of a body-centred cubic grid within `radius` of zero, in a fixed order. It covers a ball
+/// with half the points of a cubic grid.
 fn ball(radius: f32, step: f32) -> Vec<Vec3> {
     #[expect(clippy::cast_possible_truncation, reason = "a few dozen at most")]
     let reach = (radius / step).clamp(0.0, 100.0) as i16;
@@ -128,15 +130,16 @@ fn ball(radius: f32, step: f32) -> Vec<Vec3> {
     points.filter(|at| at.length() <= radius).collect()
 }
 
-/// Some of the points, in units of a bin about the body's centre.
+/// A sample of the body's points, relative to its centre, in units of a bin width.
 struct View {
-    /// Their coordinates, axis by axis: four distances at a time.
+    /// Coordinates, axis by axis: four distances are computed at a time.
     points: [Vec<f32>; 3],
     /// Smallest norm of the histogram, in cells.
     first: f32,
     count: usize,
-    /// Half the width of the Haar wavelet, in cells: half a bin for the mean, whose norms crowd in
-    /// one half of a bin; a quarter for the variance, whose norms crowd in its middle or its ends.
+    /// Half the width of the Haar wavelet, in cells. For the mean it is half a bin, because norms crowd
+    /// in one half of a bin. For the variance it is a quarter, because norms crowd in the middle or at
+    /// the ends of a bin.
     half: usize,
 }
 
@@ -170,8 +173,8 @@ impl View {
         vec![0.0; self.count]
     }
 
-    /// How rough the norms about `centre` (in bins) are at the scale of half a bin: the sum over the
-    /// histogram of squared differences of neighbouring half bins, each over its variance.
+    /// The roughness of the norms about `centre` (in bins) at the scale of the wavelet: the sum over
+    /// the histogram of the squared difference of neighbouring half wavelets, each over its variance.
     fn roughness(&self, centre: Vec3, cells: &mut [f32]) -> f32 {
         cells.fill(0.0);
         let scale = single(CELLS_PER_BIN);
@@ -191,7 +194,7 @@ impl View {
                 }
             }
         }
-        // Counts below 2^24: exact.
+        // Counts are below 2^24, so these sums are exact.
         let mut sum = 0.0;
         for cell in cells.iter_mut() {
             sum += *cell;
@@ -207,7 +210,7 @@ impl View {
             .sum()
     }
 
-    /// Uphill from `start`, in ever smaller steps, until `stop` answers `true`.
+    /// Hill climbing from `start`, in ever smaller steps, until `stop` answers `true`.
     fn cascade(
         &self,
         start: Vec3,

@@ -1,8 +1,10 @@
-//! The bin layouts that make the norms about one centre look most like marked ones.
+//! The search for the bin layouts about one centre in which the norms look most like those of a marked
+//! mesh.
 //!
-//! The energy of a bin layout is the mean deviation of its bins' statistics from neutral. About the
-//! right centre it stands out: on bunny, horse, nefertiti and armadillo at strength 0.1, 5.7 to 6.4
-//! against a mean of 2.5 to 3 over all bin layouts; the next best is the same bin layout moved by a bin.
+//! The energy of a bin layout is the sum over its bins of how far the statistic is from neutral, at
+//! most `CAP` a bin. About the right centre the right bin layout stands out: on bunny, horse, nefertiti
+//! and armadillo at strength 0.1 it has 5.7 to 6.4, against a mean of 2.5 to 3 over all bin layouts.
+//! The next best is the same bin layout moved by one bin.
 
 use rayon::prelude::*;
 
@@ -10,7 +12,7 @@ use super::Window;
 use crate::watermark::bins::{BinLayout, LARGEST_EPS};
 use crate::watermark::{BitCount, Modulation, Profile};
 
-/// Cells of the table of sums per bin: between them it is interpolated.
+/// Cells of the table of sums, per bin. Sums between cells are interpolated.
 const CELLS_PER_BIN: usize = 128;
 
 /// Step of the grid of bin layouts at either end, in bins.
@@ -19,13 +21,14 @@ const STEP: f64 = 0.2;
 /// Steps of the search around a maximum of the grid, in bins.
 const CLOSER_STEPS: [f64; 3] = [0.1, 0.05, 0.025];
 
-/// A bin's deviation counts up to the strength of the paper: beyond, shape speaks louder than marks.
+/// A bin's deviation counts up to the strength of the paper. Larger deviations come from the shape
+/// rather than from a mark.
 const CAP: f64 = 0.1;
 
-/// Vertices at which a bin counts half.
+/// Number of vertices at which a bin counts half.
 const HALF_TRUST: f64 = 20.0;
 
-/// Layouts kept per centre. A class takes those few that fit it.
+/// Bin layouts kept per centre. A layout class takes the few of them that fit it.
 const MOST_PEAKS: usize = 400;
 
 /// A bin layout by the norms at its two ends, and its energy.
@@ -44,7 +47,7 @@ impl Peak {
     }
 }
 
-/// Sums over the norms below each of many evenly spaced norms.
+/// Sums over the norms below each of many evenly spaced values.
 struct Sums {
     low: f64,
     per_cell: f64,
@@ -111,7 +114,7 @@ impl Sums {
     }
 }
 
-/// The local maxima of the energy among all bin layouts of any class that agree with the profile's
+/// The local maxima of the energy among the bin layouts of all classes that agree with the profile's
 /// range, the highest first.
 pub fn peaks(
     profile: &Profile,
@@ -167,7 +170,7 @@ fn grid(from: f64, to: f64, step: f64) -> Vec<f64> {
     (0..count).map(|k| from + k as f64 * step).collect()
 }
 
-/// Places of the map that none of their eight neighbours exceeds.
+/// Entries of the map that none of their eight neighbours exceeds.
 fn maxima(map: &[Vec<f64>]) -> Vec<(usize, usize)> {
     let at = |i: usize, j: usize| map.get(i).and_then(|row| row.get(j)).copied();
     let is_maximum = |i: usize, j: usize| {
@@ -181,7 +184,7 @@ fn maxima(map: &[Vec<f64>]) -> Vec<(usize, usize)> {
     places.filter(|&(i, j)| is_maximum(i, j)).collect()
 }
 
-/// Uphill, in ever smaller steps: both ends together, against each other, or one alone.
+/// Hill climbing in ever smaller steps: both ends move together, against each other, or one end alone.
 fn cascade(mut peak: Peak, bin: f64, energy: &impl Fn(f64, f64) -> f64) -> Peak {
     const WAYS: [(f64, f64); 8] = [
         (1.0, 1.0),

@@ -1,13 +1,14 @@
-//! Synchronising: where the bins of a damaged file lie, found from the file alone.
+//! Layout search: where the bins of a damaged file lie, found from the file alone.
 //!
-//! The blind frame stands on extremes and on a mean over the whole surface: one vertex pushed out
-//! by 1 %, a few stray triangles, a smoothing pass or a cut-off ear moves it, although hardly a
-//! norm has changed. But a mark betrays its own bins: every bin's statistic is off neutral, which
-//! by chance few are. So centres and bin layouts are searched for those that make the suspect's norms
-//! look most like marked ones. This looks at the suspect only, never at a codeword: what is scored
-//! afterwards, and counted, is the few best.
+//! The blind frame is computed from extremes and from a mean over the whole surface. One vertex moved
+//! out by 1 %, a few stray triangles, a smoothing pass or a cut-off ear shifts the frame, although
+//! hardly a norm has changed. But a mark reveals its own bins: the statistic of every bin is off
+//! neutral, which is rare by chance. Centres and bin layouts are therefore searched for those in which
+//! the suspect's norms look most like marked ones. The search reads the suspect alone, never a
+//! codeword. Only the few best readings are scored, and all of these are counted.
 //!
-//! Steps: `outliers` drops stray parts, `centre` searches the centre, `energy` the bin layouts.
+//! Steps: `outliers` drops stray parts, `centre` searches the centre, `energy` searches the bin
+//! layouts.
 
 mod centre;
 mod energy;
@@ -23,21 +24,22 @@ use crate::watermark::bins::{BinLayout, Frame, trimmed_share};
 use crate::watermark::{BitCount, Hypothesis, Modulation, Profile, SoftBits, Suspect};
 use energy::Peak;
 
-/// How much is tried.
+/// How much is searched and scored.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LayoutEffort {
     /// Centres are searched up to this far from the suspect's own, as a share of the diagonal.
     pub radius: f64,
-    /// Centres that are found by their roughness, beside the suspect's own.
+    /// Centres that are found by their roughness, besides the suspect's own.
     pub candidates: usize,
-    /// Centres kept of all these, by the energy of their best bin layout.
+    /// Of all these, centres that are kept, by the energy of their best bin layout.
     pub centres: usize,
-    /// Layouts scored per class about each of these.
+    /// Bin layouts scored per layout class about each centre that is kept.
     pub layouts: usize,
 }
 
-/// How far the extremes of the norms may be from those of the mark, as shares of the radial extent:
-/// lost by the file, or in excess. What is in excess by more is an outlier.
+/// How far the extremes of the norms may be from those of the marked mesh, as shares of the radial
+/// extent. `lost` bounds what the file lacks, `excess` what it has beyond. A larger excess is an
+/// outlier.
 #[derive(Debug, Clone, Copy)]
 struct Window {
     lost_below: f64,
@@ -47,9 +49,9 @@ struct Window {
 }
 
 impl Window {
-    /// For 64 bits, what a cut of 2 % takes: the bunny without its farthest 2 % of vertices lacks
-    /// 24 % of what is left of its extent, most other meshes less than 10 %. For more bits as many
-    /// bins, so that the search takes about as long.
+    /// For 64 bits, what a cut of 2 % takes away: the bunny without its farthest 2 % of vertices lacks
+    /// 24 % of its remaining extent, most other meshes less than 10 %. For more bits the window has as
+    /// many bins, so that the search takes about as long.
     fn of(bits: BitCount) -> Self {
         let share = (64.0 / bits.get() as f64).min(1.0);
         Self {
@@ -69,7 +71,7 @@ impl Window {
     }
 }
 
-/// A bin layout that makes the norms look marked.
+/// A bin layout in which the norms look marked.
 #[derive(Debug, Clone)]
 struct Found {
     centre: DVec3,
@@ -106,8 +108,8 @@ pub fn synchronise(
     synchronise_until(suspect, bits, modulation, effort, &|| false)
 }
 
-/// The same, asking `stop` before each centre and each row of bin layouts; what is found once it answers
-/// `true` is worth nothing.
+/// As [`synchronise`], calling `stop` before each centre and each row of bin layouts. The result must
+/// be discarded once `stop` answers `true`.
 #[must_use]
 pub fn synchronise_until(
     suspect: &Suspect,
@@ -123,7 +125,8 @@ pub fn synchronise_until(
     let mut per_centre: Vec<(Cow<'_, Profile>, Vec<Peak>)> = centres
         .into_iter()
         .map_while(|centre| {
-            // Sorting the norms is what costs most; those about its own centre are there.
+            // Sorting the norms is the most expensive step. The norms about the suspect's own centre
+            // are sorted already.
             let whole = body.positions.len() == suspect.vertices();
             let profile = if whole && centre == suspect.frame().centre {
                 Cow::Borrowed(suspect.profile())
@@ -149,13 +152,14 @@ pub fn synchronise_until(
 }
 
 impl Layouts {
-    /// Readings of all classes together.
+    /// Number of readings of all layout classes together.
     #[must_use]
     pub fn of_all_classes(&self) -> usize {
         (0..=u8::MAX).into_par_iter().map(|class| self.of_class(class).len()).sum()
     }
 
-    /// The readings of one layout class: those whose implied range agrees with the suspect's.
+    /// The readings of one layout class: the bin layouts found whose implied range agrees with the
+    /// suspect's.
     #[must_use]
     pub fn of_class(&self, class: u8) -> Vec<Hypothesis> {
         let window = Window::of(self.bits);

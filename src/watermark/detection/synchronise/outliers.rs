@@ -1,4 +1,4 @@
-//! The body of a suspect: without stray parts that lie far from the rest.
+//! The body of a suspect: what is left without stray parts far from the rest.
 
 use glam::DVec3;
 
@@ -6,11 +6,12 @@ use crate::mesh::stop::{Stop, chosen, go_on, mapped};
 use crate::mesh::surface::Surface;
 use crate::watermark::{Profile, Suspect};
 
-/// Share of the carriers, at each end of the norms, that may be stray; and at least so many.
+/// At each end of the norms, one carrier in the first number may be stray, and at least the second
+/// number.
 const TAIL: (usize, usize) = (200, 64);
 
-/// A gap in the norms of that tail, as a share of the extent of the rest, beyond which everything
-/// is stray. Sparse tips of the meshes measured leave gaps below 0.03.
+/// Width of a gap in the norms of that tail, as a share of the extent of the rest. Everything beyond
+/// such a gap is stray. Sparse tips of the meshes measured leave gaps below 0.03.
 const GAP: f64 = 0.1;
 
 /// What is left of a suspect.
@@ -31,7 +32,8 @@ pub fn body(suspect: &Suspect, stop: Stop<'_>) -> Option<Body> {
     let (mut low, mut high) = range(suspect.profile());
     let norms = suspect.profile().norms();
     if norms.first().is_some_and(|&rho| rho < low) || norms.last().is_some_and(|&rho| rho > high) {
-        // The strays had their part in the centre that told them apart: once more about the new.
+        // The strays shifted the centre by which they were found, so the search is repeated about the
+        // new centre.
         for _ in 0..2 {
             let near = |&p: &DVec3| (low..=high).contains(&(p - centre).length());
             let part = part(surface, near, stop)?;
@@ -49,7 +51,7 @@ pub fn body(suspect: &Suspect, stop: Stop<'_>) -> Option<Body> {
     Some(Body { positions: surface.positions.clone(), centre, diagonal: surface.diagonal() })
 }
 
-/// The triangles all of whose corners are `near`, and the points that are.
+/// The points that are `near`, and the triangles all of whose corners are.
 fn part(
     surface: &Surface,
     near: impl Fn(&DVec3) -> bool + Sync,
@@ -70,7 +72,7 @@ fn part(
     Some(Surface { positions, triangles, carrier_of: Vec::new(), first_vertex: Vec::new() })
 }
 
-/// The range of norms around the middle that no wide gap interrupts.
+/// The range of norms around the middle that no wide gap interrupts, within the tails.
 fn range(profile: &Profile) -> (f64, f64) {
     let norms = profile.norms();
     let (Some(&first), Some(&last)) = (norms.first(), norms.last()) else { return (0.0, 0.0) };

@@ -16,7 +16,7 @@ fn marked() -> (Mesh, Codeword) {
     (Mesh::new(embedding.positions, mesh.triangles().to_vec()).unwrap(), codeword)
 }
 
-/// The bound of the best reading, and how many there are.
+/// The bound of the best reading, and the number of readings.
 fn best(mesh: &Mesh, codeword: &Codeword) -> (f64, usize) {
     let suspect = Suspect::new(mesh).unwrap();
     let found = synchronise(&suspect, codeword.bit_count(), Modulation::Mean, &EFFORT);
