@@ -23,7 +23,7 @@ use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
     BitCount, Codeword, CodewordIndex, EmbedParams, GroupKey, Hypothesis, LayoutEffort, MarkKey,
-    Message, Method, Search, Suspect, Worth, synchronise,
+    Message, Method, ReportLimits, Search, Suspect, synchronise,
 };
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -157,7 +157,7 @@ fn main() {
                     let suspect = Suspect::new(&apply(mesh)).unwrap();
                     let mut index = others.clone();
                     index.insert(0, method.modulation(), codeword);
-                    let worth = Worth { log10_bound: -4.0, most: 20 };
+                    let worth = ReportLimits { log10_bound: -4.0, most: 20 };
                     let start = Instant::now();
                     let read = |key: GroupKey| {
                         let soft = suspect.read(key.class, key.bits, key.modulation);

@@ -14,8 +14,8 @@ use quadmark::relief::{ReliefHost, ReliefReading, Signs};
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{
     BitCount, Codeword, CodewordIndex, Correspondence, EmbedParams, GroupKey, HostFilter,
-    Hypothesis, LayoutEffort, MarkKey, Message, Method, Modulation, SoftBits, Suspect, Worth,
-    synchronise,
+    Hypothesis, LayoutEffort, MarkKey, Message, Method, Modulation, ReportLimits, SoftBits,
+    Suspect, synchronise,
 };
 use rayon::prelude::*;
 
@@ -44,7 +44,7 @@ fn assert_bounded(
     readings: &(dyn Fn(GroupKey) -> Vec<Hypothesis> + Sync),
 ) {
     let per_record = |hypotheses: u64| hypotheses as f64 / f64::from(CODEWORDS);
-    let worth = Worth { log10_bound: -2.0, most: usize::MAX };
+    let worth = ReportLimits { log10_bound: -2.0, most: usize::MAX };
     let search = index.search(readings, worth);
     // Classes differ in how many bin layouts fit them, so the count is a mean: as in a verdict.
     let readings = per_record(search.hypotheses);

@@ -28,8 +28,8 @@ use quadmark::relief::{ReliefHost, ReliefReading, Signs};
 use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{
     BitCount, Codeword, CodewordIndex, Correspondence, EmbedParams, Embedding, GroupKey, Host,
-    HostFilter, Hypothesis, LayoutEffort, MarkKey, Message, Method, Modulation, Schedule, Strength,
-    Suspect, Worth, embed, synchronise,
+    HostFilter, Hypothesis, LayoutEffort, MarkKey, Message, Method, Modulation, ReportLimits,
+    Schedule, Strength, Suspect, embed, synchronise,
 };
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -282,7 +282,7 @@ fn verdict() -> Value {
     let soft = suspect.read(own.layout_class(), params.bits, modulation);
     let effort = LayoutEffort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 };
     let layouts = synchronise(&suspect, params.bits, modulation, &effort);
-    let worth = Worth { log10_bound: -3.0, most: 3 };
+    let worth = ReportLimits { log10_bound: -3.0, most: 3 };
     let judged = |readings: &(dyn Fn(GroupKey) -> Vec<Hypothesis> + Sync)| {
         let search = index.search(readings, worth);
         let found = search.candidates.iter().map(|c| {

@@ -332,7 +332,7 @@ impl Side<'_> {
         // A vertex that moved along the surface may have come to lie near another part of the twin.
         let shift = corners.map(|corner| self.shift(corner)).into_iter().fold(0.0, f64::max);
         if best > self.far && shift > 2.0 * best {
-            best.min(self.searched(sample, start))
+            best.min(self.wider_search(sample, start))
         } else {
             best
         }
@@ -346,7 +346,7 @@ impl Side<'_> {
     /// Squared distance of a sample to part of the twin: the triangles around the first
     /// [`MOST_SEARCHED`] vertices that connect with `start` inside the ball about the sample through
     /// the twin of `start`.
-    fn searched(&self, sample: DVec3, start: u32) -> f64 {
+    fn wider_search(&self, sample: DVec3, start: u32) -> f64 {
         let reach = self.to[start as usize].distance_squared(sample);
         let mut seen = [start; MOST_SEARCHED];
         let (mut next, mut count, mut best) = (0, 1, f64::INFINITY);

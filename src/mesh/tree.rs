@@ -21,7 +21,7 @@ use super::stop::{Stop, go_on, mapped, sorted};
 pub const MOST_TESTS: u64 = 10_000;
 
 /// Largest number of triangles of a part.
-const PART: usize = 1 << 15;
+const PART_TRIANGLES: usize = 1 << 15;
 
 /// A tree of trees over triangles. A library builds each tree in one call of some 30 ms. One tree over
 /// millions of triangles would take seconds, in which no stop is possible.
@@ -66,7 +66,7 @@ impl SearchTree {
             Some(Part { tree, triangles: triangles.to_vec() })
         };
         let order = nearby(&points, &triangles, bounds, stop)?;
-        let parts: Option<Vec<Part>> = order.par_chunks(PART).map(part).collect();
+        let parts: Option<Vec<Part>> = order.par_chunks(PART_TRIANGLES).map(part).collect();
         let parts = parts?;
         let boxes = parts.iter().map(|part| part.tree.root_aabb()).enumerate();
         let whole = Bvh::from_iter(BvhBuildStrategy::Binned, boxes);
@@ -124,7 +124,7 @@ impl SearchTree {
     }
 }
 
-/// The numbers of all triangles, ordered so that each [`PART`] of them lies together. One part keeps
+/// The numbers of all triangles, ordered so that each [`PART_TRIANGLES`] of them lies together. One part keeps
 /// the given order; several parts follow a Morton curve through cells of 1/1024 of the cube's side.
 /// `None` once `stop` answers `true`.
 fn nearby(
@@ -134,7 +134,7 @@ fn nearby(
     stop: Stop<'_>,
 ) -> Option<Vec<u32>> {
     let number = |t: usize| u32::try_from(t).unwrap_or(u32::MAX);
-    if triangles.len() <= PART {
+    if triangles.len() <= PART_TRIANGLES {
         return Some((0..triangles.len()).map(number).collect());
     }
     let keyed = mapped(triangles, stop, |t, corners| {

@@ -21,14 +21,14 @@ const LEAST: usize = 200;
 const EXPECTED: f64 = 5e-4;
 
 /// A motion is kept where it reduces the median height to at most this share.
-const CLOSER: f64 = 0.9;
+const IMPROVEMENT: f64 = 0.9;
 
 /// Motion of the farthest point, as a share of the diagonal, below which the rounds end: a tenth of the
 /// heights that are read.
-const SETTLED: f64 = 5e-6;
+const LEAST_MOTION: f64 = 5e-6;
 
 /// Motion beyond which a fit is not trusted: a suspect that is so far off was not registered.
-const ASTRAY: f64 = 2e-2;
+const MOST_MOTION: f64 = 2e-2;
 
 /// The carriers of a suspect after refinement; `None` when stopped.
 pub(super) fn refined(
@@ -45,7 +45,7 @@ pub(super) fn refined(
         let heights = heights_of(host, &points.all, work)?;
         let size = median_size(&heights.iter().map(|of| of.above).collect::<Vec<f64>>());
         if let Some((was, positions)) = before.take()
-            && (heights.len() < LEAST || size > CLOSER * was)
+            && (heights.len() < LEAST || size > IMPROVEMENT * was)
         {
             // A motion that does not bring the suspect closer is one that heights do not determine.
             return Some(positions);
@@ -58,7 +58,7 @@ pub(super) fn refined(
         // The term of a turn by w is `n . (w x arm) = -(n x arm) . w`.
         let (shift, turn) = (DVec3::new(tx, ty, tz), -DVec3::new(rx, ry, rz));
         let most = shift.length() + turn.length() + grown.abs();
-        if most.is_nan() || most > ASTRAY {
+        if most.is_nan() || most > MOST_MOTION {
             break;
         }
         // The quaternion of a small turn, exact to the square of the turn; the next round fits the
@@ -71,7 +71,7 @@ pub(super) fn refined(
             let arm = *p - host.centre - shift * diagonal;
             *p = host.centre + back * arm / (1.0 + grown);
         }
-        if most <= SETTLED {
+        if most <= LEAST_MOTION {
             break;
         }
     }

@@ -6,7 +6,7 @@ use super::super::ServiceError;
 use super::super::verdict::{FrameName, StageName};
 use super::cascade::{Case, Stage, Tried};
 use super::layouts::stricter;
-use crate::watermark::{GroupKey, Hypothesis, Worth};
+use crate::watermark::{GroupKey, Hypothesis, ReportLimits};
 
 pub(super) struct Blind;
 
@@ -19,7 +19,7 @@ impl Stage for Blind {
         FrameName::Blind
     }
 
-    fn run(&self, case: &Case<'_>, worth: Worth) -> Result<Tried, ServiceError> {
+    fn run(&self, case: &Case<'_>, worth: ReportLimits) -> Result<Tried, ServiceError> {
         let frame = case.suspect.frame();
         let read = |key: GroupKey| {
             let soft = Arc::new(case.suspect.read(key.class, key.bits, key.modulation));

@@ -19,7 +19,7 @@ use super::named::Named;
 use super::{Depth, go_on};
 use crate::jobs::Stop;
 use crate::keys::KeyRing;
-use crate::watermark::{Candidate, CodewordIndex, Suspect, Worth};
+use crate::watermark::{Candidate, CodewordIndex, ReportLimits, Suspect};
 
 /// Matches listed at most: somewhat more than copies can be averaged that are still told apart.
 pub(super) const MOST_MATCHES: usize = 128;
@@ -43,7 +43,7 @@ pub(super) trait Stage: Sync {
     fn frame(&self) -> FrameName;
 
     /// Scores its hypotheses: how many, and those that are `worth` a report.
-    fn run(&self, case: &Case<'_>, worth: Worth) -> Result<Tried, ServiceError>;
+    fn run(&self, case: &Case<'_>, worth: ReportLimits) -> Result<Tried, ServiceError>;
 }
 
 /// The outcome of a stage.
@@ -140,8 +140,11 @@ impl Cascade {
     }
 
     /// What is worth a report when the bound is multiplied by `counted`.
-    pub(super) fn worth(&self, counted: f64) -> Worth {
-        Worth { log10_bound: self.thresholds.inconclusive - counted.log10(), most: MOST_MATCHES }
+    pub(super) fn worth(&self, counted: f64) -> ReportLimits {
+        ReportLimits {
+            log10_bound: self.thresholds.inconclusive - counted.log10(),
+            most: MOST_MATCHES,
+        }
     }
 
     /// Notes that a stage scored so many hypotheses.

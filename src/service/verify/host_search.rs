@@ -27,7 +27,7 @@ use crate::recognition::{HostModel, PoseHypothesis, PoseKind, SuspectModel, pose
 use crate::registration::{Allowed, Effort, Within};
 use crate::registry::Record;
 use crate::watermark::{
-    Candidate, CodewordIndex, Frame, GroupKey, Hypothesis, Profile, Suspect, Worth,
+    Candidate, CodewordIndex, Frame, GroupKey, Hypothesis, Profile, ReportLimits, Suspect,
 };
 
 /// Fewer vertices than this that are known one by one say too little for the matched filter.
@@ -251,6 +251,6 @@ impl HostSearch<'_> {
             vec![Hypothesis { frame, soft }]
         };
         // What does not match is ranked, too; no bound is above one.
-        marks.search(&read, Worth { log10_bound: 0.0, most: usize::MAX }).candidates
+        marks.search(&read, ReportLimits { log10_bound: 0.0, most: usize::MAX }).candidates
     }
 }

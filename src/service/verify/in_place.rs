@@ -11,7 +11,7 @@ use super::go_on;
 use super::named::Named;
 use crate::keys::KeyRing;
 use crate::registry::Record;
-use crate::watermark::{Candidate, Hypothesis, Suspect, Worth};
+use crate::watermark::{Candidate, Hypothesis, ReportLimits, Suspect};
 
 /// Records that are scored, those with the last ids first: one pass over the norms each.
 const MOST_RECORDS: usize = 1_000;
@@ -27,7 +27,7 @@ impl Stage for InPlace {
         FrameName::InPlace
     }
 
-    fn run(&self, case: &Case<'_>, worth: Worth) -> Result<Tried, ServiceError> {
+    fn run(&self, case: &Case<'_>, worth: ReportLimits) -> Result<Tried, ServiceError> {
         let mut tried = Tried::default();
         let records = case.named.map(Named::records).unwrap_or_default();
         for record in records.iter().rev().take(MOST_RECORDS) {

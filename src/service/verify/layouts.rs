@@ -14,7 +14,8 @@ use super::super::verdict::{FrameName, StageName};
 use super::cascade::{Case, Stage, Tried};
 use super::go_on;
 use crate::watermark::{
-    BitCount, GroupKey, LAYOUT_CLASSES, LayoutEffort, Layouts, Modulation, Worth, synchronise_until,
+    BitCount, GroupKey, LAYOUT_CLASSES, LayoutEffort, Layouts, Modulation, ReportLimits,
+    synchronise_until,
 };
 
 /// Kinds of marks (number of bits and modulation) that are searched for, those with most records
@@ -55,7 +56,7 @@ impl Stage for LayoutSearch {
         FrameName::Searched
     }
 
-    fn run(&self, case: &Case<'_>, worth: Worth) -> Result<Tried, ServiceError> {
+    fn run(&self, case: &Case<'_>, worth: ReportLimits) -> Result<Tried, ServiceError> {
         let mut layouts: BTreeMap<(BitCount, Modulation), Layouts> = BTreeMap::new();
         let mut counted = 0_u64;
         for ((bits, modulation), records) in case.marks.kinds().into_iter().take(MOST_KINDS) {
@@ -82,9 +83,9 @@ fn hypotheses(records: usize, found: &Layouts) -> u64 {
 }
 
 /// What is worth a report when at least so many hypotheses are counted.
-pub(super) fn stricter(worth: Worth, hypotheses: usize) -> Worth {
+pub(super) fn stricter(worth: ReportLimits, hypotheses: usize) -> ReportLimits {
     let counted = (hypotheses.max(1) as f64).log10();
-    Worth { log10_bound: worth.log10_bound - counted, ..worth }
+    ReportLimits { log10_bound: worth.log10_bound - counted, ..worth }
 }
 
 #[cfg(test)]
@@ -125,7 +126,7 @@ mod tests {
         scored.sort_unstable();
         scored.dedup();
         assert!(scored.len() > 1, "as many bin layouts for each class: this shows nothing");
-        let worth = Worth { log10_bound: 0.0, most: 1 };
+        let worth = ReportLimits { log10_bound: 0.0, most: 1 };
         for class in (0..=u8::MAX).step_by(15) {
             let mut marks = CodewordIndex::default();
             marks.insert(1, modulation, &of_class(class));

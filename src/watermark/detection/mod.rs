@@ -18,7 +18,7 @@ pub(in crate::watermark) mod synchronise;
 
 pub use bound::{Tail, least_chernoff_score, least_score, log10_chernoff, log10_tail};
 pub use extract::{Extraction, Reading, extract, extract_from_surface, extract_until};
-pub use index::{Candidate, CodewordIndex, GroupKey, Hypothesis, Search, Worth};
+pub use index::{Candidate, CodewordIndex, GroupKey, Hypothesis, ReportLimits, Search};
 pub use matched::{Comparison, Correspondence, HostFilter};
 pub use profile::Profile;
 pub use soft::{Score, SoftBits};

@@ -18,7 +18,7 @@ use crate::watermark::bins::contribution;
 
 /// The limits of the move of one vertex of a bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Freedom {
+pub struct MoveLimits {
     /// Compliance, above zero, in any unit that the whole bin shares.
     pub compliance: f64,
     /// Least and greatest place it may take; the present place lies between them.
@@ -32,13 +32,14 @@ const EDGE: f64 = 0.08;
 /// Share of the way to that edge that a vertex may go. With all of the way, vertices from all over the
 /// bin would end on one sphere. With this share, vertices keep their order, and the triangles between
 /// them keep their side.
-const SQUEEZE: f64 = 0.9;
+const RANGE_SHARE: f64 = 0.9;
 
-impl Freedom {
+impl MoveLimits {
     /// A vertex at place `t`.
     #[must_use]
     pub fn new(compliance: f64, t: f64) -> Self {
-        let (below, above) = (SQUEEZE * (t - EDGE).max(0.0), SQUEEZE * (1.0 - EDGE - t).max(0.0));
+        let (below, above) =
+            (RANGE_SHARE * (t - EDGE).max(0.0), RANGE_SHARE * (1.0 - EDGE - t).max(0.0));
         Self { compliance: compliance.max(f64::MIN_POSITIVE), range: (t - below, t + above) }
     }
 }
@@ -57,7 +58,7 @@ pub struct Allocation<'a> {
     /// Places before anything moves.
     pub places: &'a [f64],
     /// One entry per place.
-    pub freedoms: &'a [Freedom],
+    pub move_limits: &'a [MoveLimits],
 }
 
 /// A multiplier, and whether the statistic reaches its target there.
@@ -86,7 +87,7 @@ impl Allocation<'_> {
     /// The bin's statistic at a multiplier.
     #[must_use]
     pub fn statistic(&self, multiplier: f64) -> f64 {
-        let all = self.places.iter().zip(self.freedoms);
+        let all = self.places.iter().zip(self.move_limits);
         let sum: f64 = all
             .map(|(&t, freedom)| contribution(self.modulation, self.moved(multiplier, t, freedom)))
             .sum();
@@ -95,7 +96,7 @@ impl Allocation<'_> {
 
     /// The places at a multiplier.
     pub fn apply(&self, multiplier: f64, places: &mut [f64]) {
-        for ((to, &t), freedom) in places.iter_mut().zip(self.places).zip(self.freedoms) {
+        for ((to, &t), freedom) in places.iter_mut().zip(self.places).zip(self.move_limits) {
             *to = self.moved(multiplier, t, freedom);
         }
     }
@@ -119,9 +120,9 @@ impl Allocation<'_> {
     /// statistic at rest is taken as constant.
     fn guess(&self, target: f64) -> f64 {
         let slope: f64 = match self.modulation {
-            Modulation::Mean => self.freedoms.iter().map(|f| f.compliance).sum(),
+            Modulation::Mean => self.move_limits.iter().map(|f| f.compliance).sum(),
             Modulation::Variance => {
-                let all = self.places.iter().zip(self.freedoms);
+                let all = self.places.iter().zip(self.move_limits);
                 all.map(|(t, f)| 2.0 * squared(2.0 * t - 1.0) * f.compliance).sum()
             }
         };
@@ -138,7 +139,7 @@ impl Allocation<'_> {
         }
     }
 
-    fn moved(&self, multiplier: f64, t: f64, freedom: &Freedom) -> f64 {
+    fn moved(&self, multiplier: f64, t: f64, freedom: &MoveLimits) -> f64 {
         match self.modulation {
             Modulation::Mean => shifted(multiplier, t, freedom),
             Modulation::Variance => scaled(multiplier, t, freedom),
@@ -146,12 +147,12 @@ impl Allocation<'_> {
     }
 }
 
-fn shifted(mu: f64, t: f64, freedom: &Freedom) -> f64 {
+fn shifted(mu: f64, t: f64, freedom: &MoveLimits) -> f64 {
     let (low, high) = freedom.range;
     (t + mu * freedom.compliance).clamp(low, high)
 }
 
-fn scaled(kappa: f64, t: f64, freedom: &Freedom) -> f64 {
+fn scaled(kappa: f64, t: f64, freedom: &MoveLimits) -> f64 {
     let (low, high) = freedom.range;
     let u = 2.0 * t - 1.0;
     let left = 1.0 - kappa * freedom.compliance;
@@ -208,14 +209,14 @@ mod tests {
     use super::*;
     use crate::mesh::stop::never;
 
-    fn bin(n: u32) -> (Vec<f64>, Vec<Freedom>) {
+    fn bin(n: u32) -> (Vec<f64>, Vec<MoveLimits>) {
         let unit = |i: u32, step: f64| (f64::from(i) * step).fract();
         let places: Vec<f64> = (0..n).map(|i| unit(i, 0.754_877_666)).collect();
-        let freedoms = (0..n)
+        let move_limits = (0..n)
             .zip(&places)
-            .map(|(i, &t)| Freedom::new(0.01 + 100.0 * unit(i, 0.324_717_957).powi(4), t));
-        let freedoms = freedoms.collect();
-        (places, freedoms)
+            .map(|(i, &t)| MoveLimits::new(0.01 + 100.0 * unit(i, 0.324_717_957).powi(4), t));
+        let move_limits = move_limits.collect();
+        (places, move_limits)
     }
 
     fn statistic(modulation: Modulation, places: &[f64]) -> f64 {
@@ -226,11 +227,11 @@ mod tests {
     fn allocate(
         modulation: Modulation,
         places: &mut [f64],
-        freedoms: &[Freedom],
+        move_limits: &[MoveLimits],
         target: f64,
     ) -> bool {
         let before = places.to_vec();
-        let problem = Allocation { modulation, places: &before, freedoms };
+        let problem = Allocation { modulation, places: &before, move_limits };
         let solution = problem.solve(target, &never);
         problem.apply(solution.multiplier, places);
         solution.reached
@@ -239,12 +240,12 @@ mod tests {
     #[test]
     fn the_price_is_the_derivative_of_the_cost() {
         for modulation in [Modulation::Mean, Modulation::Variance] {
-            let (before, freedoms) = bin(300);
-            let problem = Allocation { modulation, places: &before, freedoms: &freedoms };
+            let (before, move_limits) = bin(300);
+            let problem = Allocation { modulation, places: &before, move_limits: &move_limits };
             let cost = |multiplier: f64| -> f64 {
                 let mut after = before.clone();
                 problem.apply(multiplier, &mut after);
-                let all = after.iter().zip(&before).zip(&freedoms);
+                let all = after.iter().zip(&before).zip(&move_limits);
                 all.map(|((a, b), f)| (a - b) * (a - b) / f.compliance).sum()
             };
             let target = modulation.neutral() + 0.04;
@@ -262,11 +263,11 @@ mod tests {
     fn the_target_is_reached_within_every_range() {
         for modulation in [Modulation::Mean, Modulation::Variance] {
             for shift in [-0.1, -0.02, 0.02, 0.1] {
-                let (mut places, freedoms) = bin(400);
+                let (mut places, move_limits) = bin(400);
                 let target = modulation.neutral() + shift;
-                assert!(allocate(modulation, &mut places, &freedoms, target));
+                assert!(allocate(modulation, &mut places, &move_limits, target));
                 assert!((statistic(modulation, &places) - target).abs() < 1e-7);
-                for (t, freedom) in places.iter().zip(&freedoms) {
+                for (t, freedom) in places.iter().zip(&move_limits) {
                     assert!((freedom.range.0..=freedom.range.1).contains(t));
                 }
             }
@@ -276,11 +277,11 @@ mod tests {
     #[test]
     fn out_of_reach_every_vertex_goes_to_its_limit() {
         for modulation in [Modulation::Mean, Modulation::Variance] {
-            let (mut places, freedoms) = bin(50);
-            assert!(!allocate(modulation, &mut places, &freedoms, 0.999));
+            let (mut places, move_limits) = bin(50);
+            assert!(!allocate(modulation, &mut places, &move_limits, 0.999));
             let at_limit = places
                 .iter()
-                .zip(&freedoms)
+                .zip(&move_limits)
                 .filter(|(t, f)| (*t - f.range.0).abs() < 1e-6 || (*t - f.range.1).abs() < 1e-6);
             assert!(at_limit.count() >= 49); // u = 0 has no side to go to
         }
@@ -288,11 +289,11 @@ mod tests {
 
     #[test]
     fn no_other_way_to_the_same_mean_is_cheaper() {
-        let (before, freedoms) = bin(200);
+        let (before, move_limits) = bin(200);
         let mut places = before.clone();
-        allocate(Modulation::Mean, &mut places, &freedoms, 0.58);
+        allocate(Modulation::Mean, &mut places, &move_limits, 0.58);
         let cost = |after: &[f64]| -> f64 {
-            let all = after.iter().zip(&before).zip(&freedoms);
+            let all = after.iter().zip(&before).zip(&move_limits);
             all.map(|((a, b), f)| (a - b) * (a - b) / f.compliance).sum()
         };
         let best = cost(&places);
@@ -303,8 +304,9 @@ mod tests {
                 let mut other = places.clone();
                 other[i] += step;
                 other[j] -= step;
-                let inside =
-                    |k: usize| (freedoms[k].range.0..=freedoms[k].range.1).contains(&other[k]);
+                let inside = |k: usize| {
+                    (move_limits[k].range.0..=move_limits[k].range.1).contains(&other[k])
+                };
                 if i != j && inside(i) && inside(j) {
                     assert!(cost(&other) >= best - 1e-9);
                 }

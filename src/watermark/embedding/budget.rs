@@ -12,7 +12,7 @@ use super::allocation::Allocation;
 use crate::mesh::stop::Stop;
 
 /// The price at which a bin's margin stops, as a multiple of what the median bin pays at full strength.
-const DEAREST: f64 = 2.0;
+const PRICE_LIMIT: f64 = 2.0;
 
 /// Bounds of a bin's margin, as multiples of the strength. The lower bound is two and a half times the
 /// margin that counts as readable.
@@ -47,7 +47,7 @@ pub fn margins(
     if !median.is_finite() {
         return vec![strength; bits.len()];
     }
-    let dearest = DEAREST * median;
+    let dearest = PRICE_LIMIT * median;
     let (least, most) = (RANGE.0 * strength, RANGE.1 * strength);
     let mut wanted: Vec<f64> = allocations
         .par_iter()

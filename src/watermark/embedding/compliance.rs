@@ -17,13 +17,13 @@ use crate::mesh::surface::Surface;
 
 /// What the compliance of one carrier is computed from.
 #[derive(Debug, Clone, Copy)]
-pub struct Pliancy {
+pub struct ComplianceData {
     quadric: Quadric,
     /// From the centre to the carrier, a unit vector.
     direction: DVec3,
 }
 
-impl Pliancy {
+impl ComplianceData {
     /// The compliance `g`: changing the norm by `delta` costs `delta^2 / g`. Plain displacement is
     /// penalised by `stiffness` times the usual `lambda` (method section 4).
     #[must_use]
@@ -43,13 +43,13 @@ impl Pliancy {
 
 /// The pliancy of every carrier about `centre`; `None` once `stop` answers `true`.
 #[must_use]
-pub fn pliancies(
+pub fn compliance_data(
     surface: &Surface,
     quadrics: &[Quadric],
     centre: DVec3,
     stop: Stop<'_>,
-) -> Option<Vec<Pliancy>> {
-    mapped(quadrics, stop, |carrier, &quadric| Pliancy {
+) -> Option<Vec<ComplianceData>> {
+    mapped(quadrics, stop, |carrier, &quadric| ComplianceData {
         quadric,
         direction: (surface.positions[carrier] - centre).normalize_or_zero(),
     })

@@ -7,7 +7,7 @@
 //! Stiffness is remembered, so the allocation of the next round takes what a bin loses from the bin's
 //! other vertices. The guard costs distortion, not bits.
 
-use super::compliance::Pliancy;
+use super::compliance::ComplianceData;
 use super::placement::PlacementSurface;
 use crate::mesh::stop::{Stop, chosen, go_on, mapped};
 use crate::mesh::surface::Surface;
@@ -68,13 +68,13 @@ pub struct Guard<'a> {
     /// The placement of the carriers.
     pub placement: &'a PlacementSurface<'a>,
     /// Per carrier what its compliance is computed from.
-    pub pliancies: &'a [Pliancy],
+    pub compliance_data: &'a [ComplianceData],
 }
 
 impl Guard<'_> {
     /// Stiffens the corners of turned triangles and moves them anew, until no triangle is turned over
     /// or the steps are spent. `None` once `stop` answers `true`.
-    pub fn ease(
+    pub fn turn_back(
         &self,
         moves: &mut Moves<'_>,
         stiffness: &mut Stiffness,
@@ -114,7 +114,7 @@ impl Guard<'_> {
             if rho.to_bits() == new_rho.to_bits() {
                 return (after, new_rho, moves.placed[v]);
             }
-            let [soft, stiff] = [before, after].map(|factor| self.pliancies[v].at(factor));
+            let [soft, stiff] = [before, after].map(|factor| self.compliance_data[v].at(factor));
             // The allocation for the mean is linear in the compliance, so it would have given the
             // stiffer vertex this share of the move. For the variance the share is close.
             let share = if soft > 0.0 { stiff / soft } else { 0.0 };
@@ -167,7 +167,7 @@ fn once_each(seen: &mut [bool], all: impl Iterator<Item = u32>) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::compliance::pliancies;
+    use super::super::compliance::compliance_data;
     use super::*;
     use crate::mesh::stop::never;
     use crate::mesh::turning::turning;
@@ -179,8 +179,10 @@ mod tests {
         let surface = Surface::new(&Sample::Blob.mesh(9000).unwrap());
         let centre = surface.centre();
         let placement = PlacementSurface::new(&surface, &never).unwrap();
-        let pliancies = pliancies(&surface, &placement.quadrics, centre, &never).unwrap();
-        let guard = Guard { surface: &surface, placement: &placement, pliancies: &pliancies };
+        let compliance_data =
+            compliance_data(&surface, &placement.quadrics, centre, &never).unwrap();
+        let guard =
+            Guard { surface: &surface, placement: &placement, compliance_data: &compliance_data };
         let rho = norms(&surface.positions, centre);
         // Every third vertex moves far.
         let far = |(v, rho): (usize, &f64)| if v % 3 == 0 { rho * 1.02 } else { *rho };
@@ -196,7 +198,7 @@ mod tests {
         assert!(turning(&surface, &placed).flipped > 100);
         let mut stiffness = Stiffness::default();
         let moves = &mut Moves { centre, rho: &rho, new_rho: &mut new_rho, placed: &mut placed };
-        guard.ease(moves, &mut stiffness, &never).unwrap();
+        guard.turn_back(moves, &mut stiffness, &never).unwrap();
         assert_eq!(turning(&surface, &placed).flipped, 0);
         for (v, (position, new_rho)) in placed.iter().zip(&new_rho).enumerate() {
             assert!(((*position - centre).length() - new_rho).abs() < 1e-12, "{v}");

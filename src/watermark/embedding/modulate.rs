@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::allocation::{Allocation, Freedom};
+use super::allocation::{Allocation, MoveLimits};
 use super::budget::margins;
-use super::compliance::Pliancy;
+use super::compliance::ComplianceData;
 use super::guard::Stiffness;
 use super::power_map::power_map;
 use super::sorted::{BinMemory, BinSlice, SortedByBin};
@@ -58,23 +58,23 @@ pub struct Modulator<'a> {
     /// Per carrier, whether it cannot move.
     pub fixed: Vec<bool>,
     /// For the allocation: per carrier, what its compliance is computed from, and the usual compliance.
-    pub pliancies: Vec<Pliancy>,
+    pub compliance_data: Vec<ComplianceData>,
     compliances: Vec<f64>,
 }
 
 impl<'a> Modulator<'a> {
-    /// A modulator of carriers, some of them `fixed`. `pliancies` may be empty where no allocation is
+    /// A modulator of carriers, some of them `fixed`. `compliance_data` may be empty where no allocation is
     /// made. `None` once `stop` answers `true`.
     #[must_use]
     pub fn new(
         codeword: &'a Codeword,
         params: &'a EmbedParams,
         fixed: Vec<bool>,
-        pliancies: Vec<Pliancy>,
+        compliance_data: Vec<ComplianceData>,
         stop: Stop<'_>,
     ) -> Option<Self> {
-        let compliances = mapped(&pliancies, stop, |_, pliancy| pliancy.at(1.0))?;
-        Some(Self { codeword, params, fixed, pliancies, compliances })
+        let compliances = mapped(&compliance_data, stop, |_, data| data.at(1.0))?;
+        Some(Self { codeword, params, fixed, compliance_data, compliances })
     }
 
     /// New norms: each bin's statistic is moved to its goal on the side of its bit. In the closed
@@ -93,14 +93,14 @@ impl<'a> Modulator<'a> {
             state.memory.keep(&sorted, rho.len());
         }
         let strength = self.params.strength.get();
-        let (freedoms, wanted) = match self.params.method.shaping() {
+        let (move_limits, wanted) = match self.params.method.shaping() {
             Shaping::PowerMap => (Vec::new(), vec![strength; layout.bins]),
             Shaping::Allocation => {
-                let freedoms = self.freedoms(&sorted, &state.stiffness, stop)?;
-                let bins = (0..layout.bins).map(|bin| self.allocation(&sorted, &freedoms, bin));
+                let move_limits = self.move_limits(&sorted, &state.stiffness, stop)?;
+                let bins = (0..layout.bins).map(|bin| self.allocation(&sorted, &move_limits, bin));
                 let bins: Vec<_> = bins.collect();
                 let wanted = margins(&bins, self.codeword.bits(), strength, stop);
-                (freedoms, wanted)
+                (move_limits, wanted)
             }
         };
         go_on(stop)?;
@@ -119,7 +119,7 @@ impl<'a> Modulator<'a> {
                         power_map(modulation, slice.places, slice.logs, target, stop);
                     }
                     Shaping::Allocation => {
-                        let problem = self.allocation(&sorted, &freedoms, slice.bin);
+                        let problem = self.allocation(&sorted, &move_limits, slice.bin);
                         let solution = problem.solve(target, stop);
                         problem.apply(solution.multiplier, slice.places);
                     }
@@ -172,33 +172,37 @@ impl<'a> Modulator<'a> {
     }
 
     /// The limits of the move of each sorted carrier.
-    fn freedoms(
+    fn move_limits(
         &self,
         sorted: &SortedByBin,
         stiffness: &Stiffness,
         stop: Stop<'_>,
-    ) -> Option<Vec<Freedom>> {
+    ) -> Option<Vec<MoveLimits>> {
         mapped(&sorted.carriers, stop, |place, &carrier| {
             let carrier = carrier as usize;
             let factor = stiffness.of(carrier);
             let stiffened = factor > 1.0;
             let compliance = if stiffened {
-                self.pliancies[carrier].at(factor)
+                self.compliance_data[carrier].at(factor)
             } else {
                 self.compliances[carrier]
             };
-            Freedom::new(compliance, sorted.places[place])
+            MoveLimits::new(compliance, sorted.places[place])
         })
     }
 
     fn allocation<'s>(
         &self,
         sorted: &'s SortedByBin,
-        freedoms: &'s [Freedom],
+        move_limits: &'s [MoveLimits],
         bin: usize,
     ) -> Allocation<'s> {
         let range = sorted.range(bin);
         let modulation = self.params.method.modulation();
-        Allocation { modulation, places: &sorted.places[range.clone()], freedoms: &freedoms[range] }
+        Allocation {
+            modulation,
+            places: &sorted.places[range.clone()],
+            move_limits: &move_limits[range],
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::compliance::pliancies;
+use super::compliance::compliance_data;
 use super::guard::{Guard, Moves};
 use super::modulate::{Modulated, Modulator, State};
 use super::placement::{PlacementSurface, radial};
@@ -68,9 +68,9 @@ impl<'a> Passes<'a> {
             Placement::Radial => None,
             Placement::Qsp | Placement::Exact => Some(PlacementSurface::new(surface, stop)?),
         };
-        let pliancies = match (&placement, params.method.shaping()) {
+        let compliance_data = match (&placement, params.method.shaping()) {
             (Some(PlacementSurface { quadrics, .. }), Shaping::Allocation) => {
-                pliancies(surface, quadrics, surface.centre_until(stop)?, stop)?
+                compliance_data(surface, quadrics, surface.centre_until(stop)?, stop)?
             }
             _ => Vec::new(),
         };
@@ -81,7 +81,7 @@ impl<'a> Passes<'a> {
                 *fixed = true;
             }
         }
-        let modulator = Modulator::new(codeword, params, fixed, pliancies, stop)?;
+        let modulator = Modulator::new(codeword, params, fixed, compliance_data, stop)?;
         Some(Self { host, placement, modulator })
     }
 
@@ -157,10 +157,14 @@ impl<'a> Passes<'a> {
         };
         let mut placed = mapped(&self.host.surface.positions, stop, |k, &v| place(k, v))?;
         if let (Some(placement), Shaping::Allocation) = (&self.placement, method.shaping()) {
-            let pliancies = &self.modulator.pliancies;
-            let guard = Guard { surface: self.host.original(), placement, pliancies };
+            let compliance_data = &self.modulator.compliance_data;
+            let guard = Guard { surface: self.host.original(), placement, compliance_data };
             let placed = &mut placed;
-            guard.ease(&mut Moves { centre, rho, new_rho, placed }, &mut state.stiffness, stop)?;
+            guard.turn_back(
+                &mut Moves { centre, rho, new_rho, placed },
+                &mut state.stiffness,
+                stop,
+            )?;
         }
         Some(placed)
     }

@@ -4,13 +4,13 @@ use crate::mesh::stop::{STEP, Stop, go_on, mapped};
 use crate::watermark::bins::BinLayout;
 
 /// How far a carrier may stray from its bin of the round before, in bin widths.
-const LOYALTY: f64 = 0.1;
+const STRAY_TOLERANCE: f64 = 0.1;
 
 /// Which bin each carrier belonged to in the round before.
 ///
 /// Where norms crowd at a bin's edge, the smallest step of the centre moves many of them into the next
 /// bin, and the loop never settles. A carrier therefore stays with its bin until it has strayed from it
-/// by more than [`LOYALTY`].
+/// by more than [`STRAY_TOLERANCE`].
 #[derive(Debug, Default)]
 pub struct BinMemory {
     bins: Vec<u16>,
@@ -42,12 +42,12 @@ impl BinMemory {
             // The carrier was outside the bin layout and stays outside while it is near the layout's
             // ends.
             let into = (rho - layout.start) / layout.width;
-            let near = into < LOYALTY || into > layout.bins as f64 - LOYALTY;
+            let near = into < STRAY_TOLERANCE || into > layout.bins as f64 - STRAY_TOLERANCE;
             return if near { None } else { own() };
         }
         let bin = usize::from(bin);
         let t = (rho - layout.norm_at(bin, 0.0)) / layout.width;
-        if !(-LOYALTY..1.0 + LOYALTY).contains(&t) {
+        if !(-STRAY_TOLERANCE..1.0 + STRAY_TOLERANCE).contains(&t) {
             return own();
         }
         let strayed = !(0.0..1.0).contains(&t);

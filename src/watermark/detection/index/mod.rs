@@ -90,7 +90,7 @@ pub struct Search {
 
 /// Which candidates of a search are reported.
 #[derive(Debug, Clone, Copy)]
-pub struct Worth {
+pub struct ReportLimits {
     /// Candidates whose bound, before hypotheses are counted, is above this are not reported.
     pub log10_bound: f64,
     /// Largest number of candidates.
@@ -193,7 +193,7 @@ impl CodewordIndex {
     pub fn search(
         &self,
         readings: &(dyn Fn(GroupKey) -> Vec<Hypothesis> + Sync),
-        worth: Worth,
+        worth: ReportLimits,
     ) -> Search {
         let groups: Vec<_> = self.groups.iter().collect();
         let found: Vec<Search> = groups
@@ -254,7 +254,7 @@ impl Group {
         chosen
     }
 
-    fn search(&self, readings: &[Hypothesis], width: usize, worth: Worth) -> Search {
+    fn search(&self, readings: &[Hypothesis], width: usize, worth: ReportLimits) -> Search {
         let mut candidates: Vec<Candidate> = Vec::new();
         for readings in readings.chunks(LANES) {
             let soft = readings.iter().map(|reading| &*reading.soft);

@@ -2,7 +2,7 @@ use super::*;
 use crate::sample::Sample;
 use crate::watermark::{MarkKey, Message, Suspect};
 
-const ALL: Worth = Worth { log10_bound: 0.0, most: usize::MAX };
+const ALL: ReportLimits = ReportLimits { log10_bound: 0.0, most: usize::MAX };
 
 fn codeword(seed: u32, bits: u32) -> Codeword {
     let mut key = [0x5a; 32];
@@ -64,7 +64,7 @@ fn what_is_worth_a_report_is_never_missed() {
         let all = index.search(&readings, ALL);
         assert_eq!(all.hypotheses, 3000 * 19);
         for log10_bound in [-0.3, -1.0, -2.0, -3.0] {
-            let some = index.search(&readings, Worth { log10_bound, ..ALL });
+            let some = index.search(&readings, ReportLimits { log10_bound, ..ALL });
             let worth = |c: &&Candidate| c.log10_bound <= log10_bound;
             let (ids, wanted): (Vec<_>, Vec<_>) = (
                 some.candidates.iter().map(|c| c.id).collect(),

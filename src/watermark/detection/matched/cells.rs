@@ -25,7 +25,7 @@ use crate::watermark::SoftBits;
 /// a one. Cells of exact-mean marks on a bunny, a horse, nefertiti, an armadillo and a rocker arm on
 /// grids of 3 to 5 bits are explained best by 0.02 (smaller values were not tried) and hardly worse by
 /// 0.1. No bound at 4 or 5 bits changes by more than 1.1 decades from 0.02 to 0.4.
-const SHARE: f64 = 0.05;
+const PREDICTION_ERROR: f64 = 0.05;
 
 /// Probability that a vertex is a stray, which may be in any cell. No bound at 4 or 5 bits changes by
 /// more than 0.3 decades from 0.001 to 0.05.
@@ -45,7 +45,7 @@ const JUDGES: usize = 5000;
 
 /// A grid whose steps are shorter than this many times the typical distance from a zero to a one counts
 /// as no grid.
-const FINE: f64 = 1.0;
+const FINEST_STEP: f64 = 1.0;
 
 /// Where levels may lie in their cells, in steps above the middle: coordinates rounded to nearest, cut
 /// off, rounded up.
@@ -53,7 +53,7 @@ const SHIFTS: [f64; 3] = [0.0, -0.5, 0.5];
 
 /// A vertex whose predicted position is more than this many steps off does not help to find where
 /// levels lie in their cells.
-const FAR: f64 = 1.5;
+const FARTHEST_LEVEL: f64 = 1.5;
 
 /// A cell along one axis, and the coordinates predicted for a zero and for a one.
 struct Cell {
@@ -84,18 +84,18 @@ impl Cell {
 }
 
 /// What all cells are computed from.
-struct View<'a> {
+struct CellModel<'a> {
     filter: &'a HostFilter,
     grid: &'a Grid,
 }
 
-impl View<'_> {
+impl CellModel<'_> {
     /// The cell of a vertex along an axis, for levels that lie `shift` steps above the middle of their
     /// cells. `None` when the vertex lies between levels or its bit does not move it.
     fn cell(&self, s: &Correspondence, k: usize, shift: f64) -> Option<Cell> {
         let carrier = s.carrier as usize;
         let difference = self.filter.difference[carrier];
-        let error = SHARE * difference.length();
+        let error = PREDICTION_ERROR * difference.length();
         let (axis, levels) = (self.grid.axes[k], self.grid.levels[k]?);
         let centre = levels.snapped(s.at.dot(axis))? - shift * levels.step;
         let (at, half) = (self.filter.middle[carrier].dot(axis), 0.5 * difference.dot(axis));
@@ -120,13 +120,13 @@ impl View<'_> {
         let off = |s: &&Correspondence| {
             let cell = self.cell(s, k, 0.0)?;
             let off = 0.5 * ((cell.low - cell.zero) + (cell.high - cell.one)) / cell.step;
-            (off.abs() <= FAR).then_some(off)
+            (off.abs() <= FARTHEST_LEVEL).then_some(off)
         };
         let seen: Vec<f64> = judges.iter().filter_map(off).collect();
         let mean = seen.iter().sum::<f64>() / seen.len().max(1) as f64;
         let fit = |shift: f64| {
             let cells: Vec<Cell> = judges.iter().filter_map(|s| self.cell(s, k, shift)).collect();
-            roughness(&cells).0
+            best_noise(&cells).0
         };
         let mut best = (f64::NEG_INFINITY, 0.0);
         for shift in SHIFTS.into_iter().chain([mean]) {
@@ -152,13 +152,13 @@ impl HostFilter {
             correspondences.iter().step_by((correspondences.len() / JUDGES).max(1)).collect();
         let ways = judges.iter().map(|s| self.difference[s.carrier as usize].length());
         let way = median(ways.filter(|&way| way > 0.0).collect());
-        if grid.levels.iter().flatten().all(|levels| levels.step <= FINE * way) {
+        if grid.levels.iter().flatten().all(|levels| levels.step <= FINEST_STEP * way) {
             return None;
         }
-        let view = View { filter: self, grid };
+        let view = CellModel { filter: self, grid };
         let shifts = [0, 1, 2].map(|k| view.shift(&judges, k));
         let cells: Vec<Cell> = judges.into_iter().flat_map(|s| view.cells(s, shifts)).collect();
-        let rough = roughness(&cells).1;
+        let rough = best_noise(&cells).1;
         if rough >= TOO_ROUGH {
             return None;
         }
@@ -182,7 +182,7 @@ impl HostFilter {
 
 /// The best fit of any noise of [`ROUGH`], and that noise. The fit is the logarithm of the likelihood
 /// of the cells, by ones and zeros together.
-fn roughness(cells: &[Cell]) -> (f64, f64) {
+fn best_noise(cells: &[Cell]) -> (f64, f64) {
     let fit = |&rough: &f64| -> f64 {
         cells.iter().map(|cell| libm::log(cell.likelihoods(rough).iter().sum())).sum()
     };
@@ -275,7 +275,7 @@ mod tests {
         };
         for (rough, found) in [(0.0, 0.0), (0.03, 0.031), (0.25, 0.25), (1.5, TOO_ROUGH)] {
             let cells: Vec<Cell> = (0..20_000).map(|k| cell(rough, k)).collect();
-            assert!((roughness(&cells).1 - found).abs() < 1e-12, "{rough}");
+            assert!((best_noise(&cells).1 - found).abs() < 1e-12, "{rough}");
         }
     }
 

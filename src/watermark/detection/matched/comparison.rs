@@ -6,7 +6,7 @@
 use glam::{DQuat, DVec3};
 
 use super::estimate::Normal;
-use super::smoothing_search::Alike;
+use super::smoothing_search::SmoothingFit;
 use super::{Correspondence, HostFilter, grid_of};
 use crate::mesh::stop::Stop;
 use crate::watermark::SoftBits;
@@ -29,7 +29,8 @@ impl Comparison {
         turned: Option<DQuat>,
         stop: Stop<'_>,
     ) -> Self {
-        let Alike { rounds, middle, nudge } = filter.alike(correspondences, turned.is_some(), stop);
+        let SmoothingFit { rounds, middle, nudge } =
+            filter.best_smoothing(correspondences, turned.is_some(), stop);
         if rounds > 0 {
             let at = |s: &Correspondence| Correspondence { at: nudge.apply(s.at), ..*s };
             let correspondences: Vec<Correspondence> = correspondences.iter().map(at).collect();

@@ -57,24 +57,26 @@ impl Normal {
         };
         let mut x = vec![0.0; n];
         let mut rest: Vec<f64> = t.iter().zip(&self.size).map(|(t, size)| t * size).collect();
-        let mut way = rest.clone();
+        let mut direction = rest.clone();
         let start = dot(&rest, &rest);
-        let mut now = start;
+        let mut residual_squared = start;
         for _ in 0..MOST_GRADIENTS {
-            if now <= CLOSE * start {
+            if residual_squared <= CLOSE * start {
                 break;
             }
-            let image = times(&way);
-            let bend = dot(&way, &image);
-            if bend.is_nan() || bend <= 0.0 {
+            let image = times(&direction);
+            let curvature = dot(&direction, &image);
+            if curvature.is_nan() || curvature <= 0.0 {
                 break;
             }
-            let step = now / bend;
-            x.iter_mut().zip(&way).for_each(|(x, way)| *x += step * way);
+            let step = residual_squared / curvature;
+            x.iter_mut().zip(&direction).for_each(|(x, direction)| *x += step * direction);
             rest.iter_mut().zip(&image).for_each(|(rest, image)| *rest -= step * image);
             let next = dot(&rest, &rest);
-            way.iter_mut().zip(&rest).for_each(|(way, rest)| *way = rest + next / now * *way);
-            now = next;
+            direction.iter_mut().zip(&rest).for_each(|(direction, rest)| {
+                *direction = rest + next / residual_squared * *direction;
+            });
+            residual_squared = next;
         }
         x
     }

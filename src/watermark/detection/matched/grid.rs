@@ -22,21 +22,21 @@ pub(super) struct Grid {
 }
 
 /// A coordinate counts as a stray when no other is within this share of the range.
-const ALIKE: f64 = 1e-6;
+const SAME_LEVEL: f64 = 1e-6;
 
 /// Share of the points that may be strays.
 const STRAYS: f64 = 0.1;
 
 /// Least average number of coordinates per level. Ordinary files have about as many levels as vertices,
 /// or as their decimals allow; in the second case they lie on a grid.
-const CROWD: usize = 8;
+const LEAST_PER_LEVEL: usize = 8;
 
 /// Share of a step that a coordinate may be off its level, because of decimals, single precision or a
 /// later move of the mesh. Coordinates on no grid are within it with twice this probability.
-const OFF: f64 = 0.1;
+const TOLERANCE: f64 = 0.1;
 
-/// Share of the coordinates that must be within [`OFF`] of a level.
-const MOST: f64 = 0.95;
+/// Share of the coordinates that must be within [`TOLERANCE`] of a level.
+const LEAST_SHARE: f64 = 0.95;
 
 impl Grid {
     /// The grid that the points lie on, along these orthonormal axes; `None` when there is none, or
@@ -73,20 +73,20 @@ impl Levels {
     /// Levels of a known step, if most of the sorted coordinates lie on them.
     fn of_step(all: &[f64], step: f64) -> Option<Self> {
         let levels = Self { origin: *all.get(all.len() / 2)?, step };
-        levels.hold(all, all.len()).then_some(levels)
+        levels.fits(all, all.len()).then_some(levels)
     }
 
-    /// Whether at least the share [`MOST`] of `of` coordinates lies on these levels.
-    fn hold(&self, all: &[f64], of: usize) -> bool {
+    /// Whether at least the share [`LEAST_SHARE`] of `of` coordinates lies on these levels.
+    fn fits(&self, all: &[f64], of: usize) -> bool {
         let on = all.iter().filter(|&&x| self.snapped(x).is_some()).count();
-        on as f64 >= MOST * of as f64
+        on as f64 >= LEAST_SHARE * of as f64
     }
 
     /// The level that a coordinate lies on; `None` between levels.
     pub(super) fn snapped(&self, x: f64) -> Option<f64> {
         let k = ((x - self.origin) / self.step).round();
         let level = self.origin + k * self.step;
-        ((x - level).abs() <= OFF * self.step).then_some(level)
+        ((x - level).abs() <= TOLERANCE * self.step).then_some(level)
     }
 }
 
@@ -109,7 +109,7 @@ impl Coordinates {
         if range <= 0.0 {
             return Self::Same;
         }
-        let close = |k: usize| all.get(k..k + 2).is_some_and(|x| x[1] - x[0] <= ALIKE * range);
+        let close = |k: usize| all.get(k..k + 2).is_some_and(|x| x[1] - x[0] <= SAME_LEVEL * range);
         let paired = |k: usize| close(k) || k.checked_sub(1).is_some_and(close);
         let kept: Vec<f64> =
             all.iter().enumerate().filter(|&(k, _)| paired(k)).map(|(_, &x)| x).collect();
@@ -118,11 +118,11 @@ impl Coordinates {
         }
         let Some(step) = typical_gap(&kept, stop) else { return Self::Free };
         let runs: Vec<&[f64]> = kept.chunk_by(|a, b| b - a <= 0.5 * step).collect();
-        if runs.len() < 2 || CROWD * runs.len() > kept.len() {
+        if runs.len() < 2 || LEAST_PER_LEVEL * runs.len() > kept.len() {
             return Self::Free;
         }
         let Some(levels) = fitted(&runs, step) else { return Self::Free };
-        if levels.hold(all, kept.len()) { Self::Levels(levels) } else { Self::Free }
+        if levels.fits(all, kept.len()) { Self::Levels(levels) } else { Self::Free }
     }
 }
 

@@ -29,7 +29,7 @@ use glam::{DQuat, DVec3};
 
 pub use comparison::Comparison;
 use grid::Grid;
-use smoothing::{HALF, Smoothing};
+use smoothing::{LAMBDA, Smoothing};
 
 use crate::mesh::Mesh;
 use crate::mesh::powers::squared;
@@ -212,7 +212,7 @@ impl HostFilter {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
     fn apart(&self, rounds: usize) -> usize {
         // Each round of `S` and each of `S*` adds the variance of one step with probability one half.
-        let reach = KERNEL * self.stride * (2.0 * HALF * rounds as f64).sqrt();
+        let reach = KERNEL * self.stride * (2.0 * LAMBDA * rounds as f64).sqrt();
         let bins = self.bits.get();
         (2.0 * reach.ceil() + 1.0).clamp(1.0, bins as f64) as usize
     }

@@ -16,12 +16,12 @@ const FLAT: f64 = 1e-12;
 
 /// `x -> linear x + shift`, where `linear` turns and scales.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Nudge {
+pub(super) struct SmallSimilarity {
     linear: DMat3,
     shift: DVec3,
 }
 
-impl Nudge {
+impl SmallSimilarity {
     /// The identity.
     pub(super) const NONE: Self = Self { linear: DMat3::IDENTITY, shift: DVec3::ZERO };
 
@@ -115,7 +115,7 @@ mod tests {
         for (turn, scale, shift) in table {
             for (wrong, close) in [(0, 1e-5), (2, 1e-3)] {
                 let pairs = pairs(turn, scale, shift, wrong);
-                let found = Nudge::NONE.onto(&pairs, &crate::mesh::stop::never);
+                let found = SmallSimilarity::NONE.onto(&pairs, &crate::mesh::stop::never);
                 let off = pairs.iter().map(|&(a, b)| found.apply(a).distance(b));
                 let off = median(off.collect());
                 assert!(off < close, "{turn} {scale} {wrong}: {off}");
@@ -133,7 +133,7 @@ mod tests {
             pairs(DVec3::ZERO, 1e300, DVec3::ZERO, 0),
         ];
         for pairs in table {
-            let found = Nudge::NONE.onto(&pairs, &crate::mesh::stop::never);
+            let found = SmallSimilarity::NONE.onto(&pairs, &crate::mesh::stop::never);
             assert!(found.linear.is_finite() && found.shift.is_finite(), "{found:?}");
         }
     }

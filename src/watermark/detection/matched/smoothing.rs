@@ -10,7 +10,7 @@ use crate::mesh::stop::{STEP, Stop, changed, go_on};
 use crate::mesh::surface::Surface;
 
 /// Weight of the neighbours' mean per round of smoothing.
-pub(super) const HALF: f64 = 0.5;
+pub(super) const LAMBDA: f64 = 0.5;
 
 /// A neighbour, and the number of triangles that it shares with the vertex.
 #[derive(Debug, Clone, Copy)]
@@ -77,7 +77,7 @@ impl Smoothing {
             let of = |vertex: usize, sum| {
                 let own = field[vertex];
                 let share = self.shares[vertex];
-                if share > 0.0 { own.lerp(sum * share, HALF) } else { own }
+                if share > 0.0 { own.lerp(sum * share, LAMBDA) } else { own }
             };
             if self.round_of(&field, &mut next, stop, of).is_none() {
                 break;
@@ -102,7 +102,7 @@ impl Smoothing {
         let mut next = field.clone();
         for _ in 0..rounds {
             let give = |k: usize, to: &mut DVec3| *to = field[k] * self.shares[k];
-            let of = |vertex: usize, sum| field[vertex].lerp(sum, HALF);
+            let of = |vertex: usize, sum| field[vertex].lerp(sum, LAMBDA);
             let given = changed(&mut shared, stop, give);
             if given.and_then(|()| self.round_of(&shared, &mut next, stop, of)).is_none() {
                 break;

@@ -11,7 +11,7 @@
 
 use glam::DVec3;
 
-use super::nudge::Nudge;
+use super::nudge::SmallSimilarity;
 use super::{Correspondence, HostFilter, JUDGES, median};
 
 /// Rounds of smoothing (`lambda` 0.5) that are tried first; then those next to the best.
@@ -21,25 +21,25 @@ const SMOOTHINGS: [usize; 14] = [0, 1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 50, 70
 const PATIENCE: usize = 2;
 
 /// Share of the misfit without smoothing below which a suspect counts as smoothed.
-const CLEARLY: f64 = 0.95;
+const SIGNIFICANT: f64 = 0.95;
 
 /// A misfit below this many times the typical move of a mark comes from the mark, and smoothing is not
 /// searched for.
-const OWN: f64 = 1.1;
+const MARK_MISFIT: f64 = 1.1;
 
 /// The host, smoothed as much as the suspect.
-pub(super) struct Alike {
+pub(super) struct SmoothingFit {
     pub(super) rounds: usize,
     /// `HostFilter::middle` after so many rounds.
     pub(super) middle: Vec<DVec3>,
     /// Moves correspondences to where they fit the smoothed host best.
-    pub(super) nudge: Nudge,
+    pub(super) nudge: SmallSimilarity,
 }
 
 /// A number of rounds, and how well it fits.
 struct Trial {
     misfit: f64,
-    nudge: Nudge,
+    nudge: SmallSimilarity,
     rounds: usize,
     middle: Vec<DVec3>,
 }
@@ -47,35 +47,32 @@ struct Trial {
 impl HostFilter {
     /// The number of rounds of smoothing that fits the suspect best; `moved` when a similarity brought
     /// the suspect to the host.
-    pub(super) fn alike(
+    pub(super) fn best_smoothing(
         &self,
         correspondences: &[Correspondence],
         moved: bool,
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Alike {
+    ) -> SmoothingFit {
         let judges: Vec<Correspondence> = correspondences
             .iter()
             .step_by((correspondences.len() / JUDGES).max(1))
             .copied()
             .collect();
-        let trial = |rounds: usize, middle: &Vec<DVec3>, nudge: Nudge| {
+        let trial = |rounds: usize, middle: &Vec<DVec3>, nudge: SmallSimilarity| {
             let pair = |s: &Correspondence| (s.at, middle[s.carrier as usize]);
             let pairs: Vec<(DVec3, DVec3)> = judges.iter().map(pair).collect();
             let nudge = if moved { nudge.onto(&pairs, stop) } else { nudge };
             let off = pairs.iter().map(|&(from, to)| nudge.apply(from).distance(to));
             (median(off.collect()), nudge, rounds)
         };
-        let kept = |(misfit, nudge, rounds): (f64, Nudge, usize), middle: &[DVec3]| Trial {
-            misfit,
-            nudge,
-            rounds,
-            middle: middle.to_vec(),
+        let kept = |(misfit, nudge, rounds): (f64, SmallSimilarity, usize), middle: &[DVec3]| {
+            Trial { misfit, nudge, rounds, middle: middle.to_vec() }
         };
         let mut now = self.middle.clone();
-        let mut best = kept(trial(0, &now, Nudge::NONE), &now);
+        let mut best = kept(trial(0, &now, SmallSimilarity::NONE), &now);
         let own = judges.iter().map(|s| 0.5 * self.difference[s.carrier as usize].length());
-        if best.misfit <= OWN * median(own.collect()) {
-            return Alike { rounds: 0, middle: now, nudge: Nudge::NONE };
+        if best.misfit <= MARK_MISFIT * median(own.collect()) {
+            return SmoothingFit { rounds: 0, middle: now, nudge: SmallSimilarity::NONE };
         }
         let mut nudge = best.nudge;
         let (mut rounds, mut worse, mut least) = (0, 0, best.misfit);
@@ -83,7 +80,11 @@ impl HostFilter {
         let (mut before, mut after) = ((0, now.clone()), None);
         for upto in SMOOTHINGS.into_iter().skip(1) {
             if stop() {
-                return Alike { rounds: 0, middle: best.middle, nudge: Nudge::NONE };
+                return SmoothingFit {
+                    rounds: 0,
+                    middle: best.middle,
+                    nudge: SmallSimilarity::NONE,
+                };
             }
             let next = self.smoothing().smoothed_until(now.clone(), upto - rounds, stop);
             let last = (rounds, std::mem::replace(&mut now, next));
@@ -94,7 +95,7 @@ impl HostFilter {
             // misfit only a little.
             worse = if tried.0 < least { 0 } else { worse + 1 };
             least = least.min(tried.0);
-            let clearly = if best.rounds == 0 { CLEARLY } else { 1.0 };
+            let clearly = if best.rounds == 0 { SIGNIFICANT } else { 1.0 };
             if tried.0 < clearly * best.misfit {
                 best = kept(tried, &now);
                 (before, after) = (last, None);
@@ -106,7 +107,7 @@ impl HostFilter {
             }
         }
         if best.rounds == 0 {
-            return Alike { rounds: 0, middle: best.middle, nudge: Nudge::NONE };
+            return SmoothingFit { rounds: 0, middle: best.middle, nudge: SmallSimilarity::NONE };
         }
         // The numbers of rounds between entries of the table, one by one.
         let (mut rounds, mut now) = before;
@@ -127,9 +128,9 @@ impl HostFilter {
         let nudge = if moved {
             best.nudge.onto(&correspondences.iter().map(pair).collect::<Vec<_>>(), stop)
         } else {
-            Nudge::NONE
+            SmallSimilarity::NONE
         };
-        Alike { rounds: best.rounds, middle: best.middle, nudge }
+        SmoothingFit { rounds: best.rounds, middle: best.middle, nudge }
     }
 }
 
@@ -163,7 +164,7 @@ mod tests {
             let cases = [(seen(&|p| p), false), (seen(&|p| turn * (1.01 * p) + 0.002), true)];
             for (correspondences, moved) in cases {
                 assert_eq!(
-                    filter.alike(&correspondences, moved, &|| false).rounds,
+                    filter.best_smoothing(&correspondences, moved, &|| false).rounds,
                     rounds,
                     "{moved}"
                 );
@@ -187,8 +188,13 @@ mod tests {
                     carrier,
                     at: marked.positions[v as usize],
                 });
-                let alike = filter.alike(&seen.collect::<Vec<_>>(), moved, &|| false);
-                assert_eq!((alike.rounds, alike.nudge), (0, Nudge::NONE), "{sample} {moved}");
+                let best_smoothing =
+                    filter.best_smoothing(&seen.collect::<Vec<_>>(), moved, &|| false);
+                assert_eq!(
+                    (best_smoothing.rounds, best_smoothing.nudge),
+                    (0, SmallSimilarity::NONE),
+                    "{sample} {moved}"
+                );
             }
         }
     }

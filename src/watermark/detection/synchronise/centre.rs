@@ -30,13 +30,13 @@ const POINTS_PER_BIN: (usize, usize) = (64, 256);
 const STEP: f64 = 0.313;
 
 /// Centres that the fine search starts from, per requested centre.
-const CLOSER_LOOKS: usize = 4;
+const FINE_STARTS: usize = 4;
 
 /// Points whose distances are computed together.
-const LOT: usize = 256;
+const BATCH: usize = 256;
 
 /// Steps of the fine search, in bins.
-const CLOSER_STEPS: [f64; 4] = [0.2, 0.1, 0.05, 0.025];
+const FINE_STEPS: [f64; 4] = [0.2, 0.1, 0.05, 0.025];
 
 /// Largest number of moves of the fine search at one step length.
 const MOST_MOVES: usize = 12;
@@ -68,8 +68,9 @@ pub fn search(
     if !(bin > 0.0 && effort.candidates > 0) {
         return Vec::new();
     }
-    let view =
-        |per_bin: usize| View::new(body, &frame, bin, radius, per_bin * bits.get(), modulation);
+    let view = |per_bin: usize| {
+        SampledNorms::new(body, &frame, bin, radius, per_bin * bits.get(), modulation)
+    };
     let around = view(POINTS_PER_BIN.0);
     let mut seen: Vec<(f32, Vec3)> = ball(single(radius / bin), single(STEP))
         .into_par_iter()
@@ -82,7 +83,7 @@ pub fn search(
     // A neighbour of a better centre leads to the same maximum.
     let mut starts: Vec<Vec3> = vec![Vec3::ZERO];
     for (_, at) in seen {
-        if starts.len() > CLOSER_LOOKS * effort.candidates {
+        if starts.len() > FINE_STARTS * effort.candidates {
             break;
         }
         if starts.iter().skip(1).all(|other| other.distance(at) > 2.2 * single(STEP)) {
@@ -95,7 +96,7 @@ pub fn search(
         .map_init(
             || close.cells(),
             |cells, start| {
-                if stop() { (0.0, start) } else { close.cascade(start, cells, stop) }
+                if stop() { (0.0, start) } else { close.climb(start, cells, stop) }
             },
         )
         .collect();
@@ -131,7 +132,7 @@ fn ball(radius: f32, step: f32) -> Vec<Vec3> {
 }
 
 /// A sample of the body's points, relative to its centre, in units of a bin width.
-struct View {
+struct SampledNorms {
     /// Coordinates, axis by axis: four distances are computed at a time.
     points: [Vec<f32>; 3],
     /// Smallest norm of the histogram, in cells.
@@ -143,7 +144,7 @@ struct View {
     half: usize,
 }
 
-impl View {
+impl SampledNorms {
     fn new(
         body: &Body,
         frame: &Frame,
@@ -179,8 +180,8 @@ impl View {
         cells.fill(0.0);
         let scale = single(CELLS_PER_BIN);
         let [xs, ys, zs] = &self.points;
-        let mut places = [0_u32; LOT];
-        for ((xs, ys), zs) in xs.chunks(LOT).zip(ys.chunks(LOT)).zip(zs.chunks(LOT)) {
+        let mut places = [0_u32; BATCH];
+        for ((xs, ys), zs) in xs.chunks(BATCH).zip(ys.chunks(BATCH)).zip(zs.chunks(BATCH)) {
             for (((place, x), y), z) in places.iter_mut().zip(xs).zip(ys).zip(zs) {
                 let (x, y, z) = (x - centre.x, y - centre.y, z - centre.z);
                 let cell = (x * x + y * y + z * z).sqrt() * scale - self.first;
@@ -211,14 +212,14 @@ impl View {
     }
 
     /// Hill climbing from `start`, in ever smaller steps, until `stop` answers `true`.
-    fn cascade(
+    fn climb(
         &self,
         start: Vec3,
         cells: &mut [f32],
         stop: &(dyn Fn() -> bool + Sync),
     ) -> (f32, Vec3) {
         let mut best = (self.roughness(start, cells), start);
-        for step in CLOSER_STEPS.map(single) {
+        for step in FINE_STEPS.map(single) {
             for _ in 0..MOST_MOVES {
                 if stop() {
                     break;

@@ -19,7 +19,7 @@ const CELLS_PER_BIN: usize = 128;
 const STEP: f64 = 0.2;
 
 /// Steps of the search around a maximum of the grid, in bins.
-const CLOSER_STEPS: [f64; 3] = [0.1, 0.05, 0.025];
+const FINE_STEPS: [f64; 3] = [0.1, 0.05, 0.025];
 
 /// A bin's deviation counts up to the strength of the paper. Larger deviations come from the shape
 /// rather than from a mark.
@@ -157,7 +157,7 @@ pub fn peaks(
     let mut peaks: Vec<Peak> = maxima(&map)
         .into_par_iter()
         .map(|(i, j)| Peak { start: starts[i], end: ends[j], energy: map[i][j] })
-        .map(|peak| cascade(peak, bin, &energy))
+        .map(|peak| climb(peak, bin, &energy))
         .collect();
     peaks.sort_by(|a, b| b.energy.total_cmp(&a.energy).then(a.start.total_cmp(&b.start)));
     peaks.truncate(MOST_PEAKS);
@@ -185,7 +185,7 @@ fn maxima(map: &[Vec<f64>]) -> Vec<(usize, usize)> {
 }
 
 /// Hill climbing in ever smaller steps: both ends move together, against each other, or one end alone.
-fn cascade(mut peak: Peak, bin: f64, energy: &impl Fn(f64, f64) -> f64) -> Peak {
+fn climb(mut peak: Peak, bin: f64, energy: &impl Fn(f64, f64) -> f64) -> Peak {
     const WAYS: [(f64, f64); 8] = [
         (1.0, 1.0),
         (-1.0, -1.0),
@@ -196,7 +196,7 @@ fn cascade(mut peak: Peak, bin: f64, energy: &impl Fn(f64, f64) -> f64) -> Peak 
         (1.0, -1.0),
         (-1.0, 1.0),
     ];
-    for step in CLOSER_STEPS {
+    for step in FINE_STEPS {
         let here = peak;
         for (start, end) in WAYS {
             let (start, end) = (here.start + step * bin * start, here.end + step * bin * end);
