@@ -28,8 +28,7 @@ const DETAILED: usize = 16_384;
 /// the part of a family's share that a host leaves to the younger hosts of the family.
 const REST: f64 = 0.4;
 
-/// The error shares of the hosts of a list, from the family of each host. Together they are at most
-/// 1.
+/// The error shares of the hosts of a list, from the family of each host: together at most 1.
 fn shares<F: PartialEq>(families: &[F]) -> Vec<f64> {
     let mut seen: Vec<(&F, f64, f64)> = Vec::new();
     let size = |family: &F| families.iter().filter(|other| *other == family).count();
