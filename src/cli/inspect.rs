@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What is printed as JSON.
+/// The output as JSON.
 #[derive(serde::Serialize)]
 struct InspectedFile<'a> {
     #[serde(flatten)]
