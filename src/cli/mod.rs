@@ -63,7 +63,7 @@ enum Command {
     Extract(extract::Arguments),
     /// Say what a file is and how well it can carry a mark.
     Inspect(inspect::Arguments),
-    /// Measure how far two surfaces are apart (MRMS and Hausdorff distance, as Metro does).
+    /// Measure the distance between two surfaces (MRMS and Hausdorff, as Metro does).
     Compare(compare::Arguments),
     /// Mark, attack and read meshes: what a mark costs and what it survives, as tables and a report.
     Lab(Box<lab::Arguments>),

@@ -73,7 +73,7 @@ impl Force {
 /// One marking.
 pub(super) struct Making {
     pub(super) file: Spooled,
-    /// Formats that the caller takes back.
+    /// Formats that the caller accepts.
     pub(super) formats: Vec<Format>,
     pub(super) key: MarkKey,
     /// Further keys, tried in order where the blind layer is refused.

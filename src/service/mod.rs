@@ -85,7 +85,7 @@ pub enum StartError {
     Directory {
         /// The directory.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// The codewords of the records cannot be loaded.

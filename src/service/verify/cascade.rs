@@ -169,7 +169,7 @@ impl Cascade {
         counted: f64,
     ) {
         let id = Uuid::from_u128(candidate.id);
-        // Most candidates match at no charge, so their charges need not be looked up.
+        // Most candidates match at no charge, so their charges are not asked for.
         if candidate.log10_bound + counted.log10() >= self.thresholds.inconclusive {
             return;
         }

@@ -5,10 +5,10 @@
 //! has a fixed share of it, and the shares add up to at most 1. Within its share, a stage counts
 //! everything that it scored (`host_search` divides its share further). So
 //! `log10_fp = log10_bound + log10(hypotheses of the stage / share of the stage)` holds whichever
-//! stages ran and whenever the cascade was left. A stage that scores few records is not drowned by
-//! one that scored a million. And looking at the verdict between stages needs no further
-//! correction. With one count for all stages it would, because each look would be another chance of
-//! an error.
+//! stages ran and whenever the cascade was left. A stage that scores few records does not pay for
+//! one that scored a million. The cascade may also decide after each stage whether to go on,
+//! without a further correction. With one count for all stages it could not, because each decision
+//! would be another chance of an error.
 //!
 //! Nothing here may depend on what was found.
 
