@@ -1,28 +1,29 @@
 //! Directories and names that survive a power cut.
 //!
-//! A file that was synced can still be lost with its name: what a name stands for is content of its
-//! directory, which has to be synced as well, and so on upward. Must not know what is kept where.
+//! A file that was synced can still be lost together with its name. A name is content of its
+//! directory, which must be synced as well, and so must each directory above it. Must not know what
+//! is kept where.
 
 use std::fs::{DirBuilder, File};
 use std::io;
 use std::path::Path;
 
-/// Syncs a directory: the names in it are on the disk.
+/// Syncs a directory, so that the names in it are on the disk.
 ///
 /// # Errors
-/// What the system said.
+/// The error of the system.
 pub fn sync_directory(directory: &Path) -> io::Result<()> {
     #[cfg(unix)]
     return File::open(directory)?.sync_all();
-    // Elsewhere a directory cannot be opened as a file.
+    // Other systems do not let a directory be opened as a file.
     #[cfg(not(unix))]
     return std::fs::metadata(directory).map(drop);
 }
 
-/// Syncs the directory in which a file stands.
+/// Syncs the directory that holds a file.
 ///
 /// # Errors
-/// What the system said.
+/// The error of the system.
 pub fn sync_parent(file: &Path) -> io::Result<()> {
     match file.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         Some(parent) => sync_directory(parent),
@@ -30,11 +31,12 @@ pub fn sync_parent(file: &Path) -> io::Result<()> {
     }
 }
 
-/// Makes a directory and what lies above it, for its owner alone; one that is there keeps its mode.
-/// When this returns, the names of all of them are on the disk.
+/// Creates a directory and the missing directories above it, for their owner alone. A directory
+/// that exists keeps its mode. When this function returns, the names of all of them are on the
+/// disk.
 ///
 /// # Errors
-/// What the system said.
+/// The error of the system.
 pub fn create_directory(directory: &Path) -> io::Result<()> {
     let mut builder = DirBuilder::new();
     builder.recursive(true);
@@ -44,8 +46,9 @@ pub fn create_directory(directory: &Path) -> io::Result<()> {
     let missing = whole.ancestors().take_while(|above| !above.exists()).count();
     builder.create(&whole)?;
     for (depth, above) in whole.ancestors().skip(1).enumerate() {
-        // Names that were there may have been made by a process that did not come to sync them. Where
-        // that is not allowed or not possible, they are older than we can help.
+        // An existing name may have been made by a process that did not live to sync it. A failed
+        // sync of a directory that was not created here is ignored: that directory is older than
+        // this call.
         match sync_directory(above) {
             Err(error) if depth < missing => return Err(error),
             _ => {}
@@ -54,11 +57,11 @@ pub fn create_directory(directory: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes a whole small file in the place of an old one, if there is one: after a crash there is one
-/// of the two. `beside` is the name of the new file until it is whole.
+/// Replaces a small file, or creates it: after a crash the path holds the whole old content or the
+/// whole new content. `beside` is the name of the new file until it is complete.
 ///
 /// # Errors
-/// What the system said.
+/// The error of the system.
 pub fn replace(path: &Path, beside: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = File::create(beside)?;
     io::Write::write_all(&mut file, bytes)?;

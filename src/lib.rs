@@ -1,7 +1,8 @@
 //! quadmark marks 3D meshes with their owner's invisible, blind, robust watermark and later
 //! proves from a suspect file whose mark it carries.
 //!
-//! A mesh is made, marked, roughened with noise, and read without the original:
+//! The following example makes a mesh, marks it, adds noise to it, and reads the mark without the
+//! original:
 //!
 //! ```
 //! use quadmark::formats::{Asset, Limits};
@@ -12,7 +13,7 @@
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let host = to_obj(&Sample::Blob.mesh(20_000)?);
-//! let key = MarkKey::from_bytes([42; 32]); // in earnest: random, and kept
+//! let key = MarkKey::from_bytes([42; 32]); // in practice: random, and kept
 //! let bits = BitCount::new(64)?;
 //! let message = Message::from_hex("0123456789abcdef", bits)?;
 //! let params = EmbedParams { bits, ..EmbedParams::default() };
@@ -46,19 +47,21 @@
 //! # }
 //! ```
 //!
-//! Modules in reading order; imports run downward only (`tests/architecture.rs` holds the line):
+//! Modules in reading order. Imports run downward only, which `tests/architecture.rs` checks:
 //!
 //! - [`mesh`]: positions and triangles, welding, centre, quadrics, distortion. Pure.
 //! - [`watermark`]: keys to codewords, bins, modulation, placement, the closed loop, extraction
 //!   and detection. Pure, deterministic to the bit on any number of threads.
-//! - [`relief`]: the layer of a mark that lies in the surface, read against the host. Pure.
-//! - [`registration`]: a suspect into its host's coordinates, and which hosts to try. Pure.
-//! - [`recognition`]: a suspect looked at as if it were (a part of) one host. Pure.
-//! - [`formats`]: bytes to carrier mesh, new positions to patched bytes.
-//! - [`marking`]: the two together, bytes to checked bytes.
-//! - [`sample`]: meshes made from nothing, for documentation and tests.
+//! - [`relief`]: the layer of a mark that is a field along the surface's normals, read against the
+//!   host. Pure.
+//! - [`registration`]: brings a suspect into its host's coordinates, and says which hosts to try.
+//!   Pure.
+//! - [`recognition`]: reads a suspect as if it were one host or a part of it. Pure.
+//! - [`formats`]: bytes to mesh, and new positions to patched bytes.
+//! - [`marking`]: the layers and the formats together, from bytes to checked bytes.
+//! - [`sample`]: generated meshes for documentation and tests.
 //! - [`config`], [`keys`], [`registry`], [`blobs`], [`jobs`]: settings, master keys, records,
-//!   files, the worker pool; [`durable`]: names on the disk.
+//!   files, the worker pool; [`durable`]: directories and files that survive a power cut.
 //! - [`attacks`]: what may happen to a marked mesh; [`forecast`]: what a mark will survive.
 //! - [`lab`]: what a mark costs and survives: experiments and reports.
 //! - [`service`]: the use cases; [`http`]: the same over HTTP.

@@ -1,10 +1,11 @@
-//! The geometry of a host, as kept for detectors that compare a suspect with it.
+//! The geometry of a host, stored for detectors that compare a suspect with it.
 //!
-//! A container of our own, because it must give back every position to the last bit: the magic
-//! `QMG1`, the number of vertices and of triangles (u32, little endian), then one zstd frame of
-//! the positions (f64) and the corners (u32), little endian and byte-shuffled (all first bytes,
-//! all second bytes, ...), which zstd packs far better than interleaved floats. Pure; must not
-//! know where the bytes are kept. The decoder treats them as hostile: a backup can be damaged.
+//! It has a container of its own, because every position must come back to the last bit. The
+//! container holds the magic `QMG1`, the number of vertices and of triangles (u32, little endian),
+//! then one zstd frame. The frame holds the positions (f64) and the corners (u32), little endian
+//! and byte-shuffled: all first bytes, all second bytes, and so on. zstd compresses shuffled bytes
+//! far better than interleaved floats. Pure; must not know where the bytes are kept. The decoder
+//! treats the bytes as hostile: a backup can be damaged.
 
 use std::io::{Read, Write};
 
@@ -19,7 +20,7 @@ const HEADER_BYTES: usize = 12;
 const KEY_LABEL: &[u8] = b"quadmark/1/geometry";
 /// Vertices or triangles that are hashed at once.
 const KEY_STEP: usize = 4096;
-/// Bytes that are compressed, or read, between two questions whether to stop.
+/// Bytes that are compressed, or read, between two queries of `stop`.
 const PART: usize = 1 << 20;
 /// Fast, and within a few per cent of the best level on shuffled floats.
 const ZSTD_LEVEL: i32 = 3;
@@ -27,16 +28,16 @@ const ZSTD_LEVEL: i32 = 3;
 /// Why stored geometry cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum GeometryError {
-    /// Not this container, or cut off.
+    /// The bytes are not this container, or are cut off.
     #[error("stored geometry is damaged: {0}")]
     Damaged(&'static str),
-    /// More than the limits allow.
+    /// There are more vertices or triangles than the limits allow.
     #[error("stored geometry has more vertices or triangles than the limits allow")]
     TooLarge,
-    /// The caller gave up.
+    /// The caller stopped the work.
     #[error("given up")]
     Stopped,
-    /// zstd refused.
+    /// zstd failed.
     #[error("stored geometry cannot be compressed or decompressed: {0}")]
     Zstd(#[from] std::io::Error),
     /// The numbers are not a mesh.
@@ -44,9 +45,9 @@ pub enum GeometryError {
     Mesh(#[from] MeshError),
 }
 
-/// What a geometry is stored under: a hash of its positions, to the last bit, and of its triangles,
-/// both in order. Two files that hold the same geometry are one host, whatever their format. The order
-/// counts, because suspects are compared vertex by vertex in the order of the file, too.
+/// The key under which a geometry is stored: a hash of its positions, to the last bit, and of its
+/// triangles, both in order. Two files with the same geometry are one host, whatever their format.
+/// The order counts because suspects are also compared vertex by vertex in file order.
 #[must_use]
 pub fn key(mesh: &Mesh) -> [u8; 32] {
     unstopped(|stop| key_until(mesh, stop))
@@ -116,7 +117,7 @@ pub fn pack_until(mesh: &Mesh, stop: Stop<'_>) -> Result<Vec<u8>, GeometryError>
     Ok(encoder.finish()?)
 }
 
-/// Unpacks a mesh of at most so many vertices and triangles.
+/// Unpacks a mesh of at most `max_vertices` and `max_triangles`.
 ///
 /// # Errors
 /// [`GeometryError`] for anything that [`pack`] did not write.
@@ -154,8 +155,8 @@ pub fn unpack_until(
     let float_bytes = vertices.checked_mul(24).ok_or(GeometryError::TooLarge)?;
     let corner_bytes = faces.checked_mul(12).ok_or(GeometryError::TooLarge)?;
     let length = float_bytes.checked_add(corner_bytes).ok_or(GeometryError::TooLarge)?;
-    // Grows with what the frame really holds: a header that promises gigabytes costs nothing, and
-    // a frame that unpacks to more than it promises is stopped one byte later.
+    // The buffer grows with what the frame really holds. A header that promises gigabytes costs
+    // nothing, and a frame that unpacks to more than its header says is stopped one byte later.
     let mut plain = Vec::new();
     let most = u64::try_from(length).map_err(|_| GeometryError::TooLarge)?.saturating_add(1);
     let mut decoder = zstd::stream::Decoder::new(frame)?.take(most);
@@ -175,7 +176,7 @@ pub fn unpack_until(
     Ok(Mesh::new(positions, triangles)?)
 }
 
-/// Byte `b` of number `i` goes to `b * count + i`. These numbers are those from `first` on.
+/// Writes byte `b` of number `i` to `b * count + i`. The numbers are those from `first` on.
 fn shuffle<const N: usize>(plain: &mut [u8], first: usize, numbers: impl Iterator<Item = [u8; N]>) {
     let count = plain.len() / N;
     for (index, number) in (first..).zip(numbers) {
@@ -222,7 +223,7 @@ mod tests {
     #[test]
     fn a_key_stands_for_positions_and_triangles_in_order() {
         let mesh = triangle_with_awkward_floats();
-        // Computed apart from this code, with hashlib and struct of another language.
+        // Computed independently of this code, with Python's hashlib and struct.
         assert_eq!(
             hex::encode(key(&mesh)),
             "26ea24479bda1232aa688c3cacc33b9fe9be121a82b271f313e41b47e525dcf5"

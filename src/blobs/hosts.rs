@@ -1,9 +1,10 @@
 //! Host geometries: one blob for each, however many records share it.
 //!
-//! `hosts/{key}` is named by what it holds ([`super::geometry::key`], hexadecimal), so writing it
-//! twice writes the same. A registration holds its key from before it writes to its end; who fails
-//! removes the blob only when nobody else holds the key and no record uses it, and nobody begins
-//! meanwhile. Which records there are, the caller says.
+//! `hosts/{key}` is named by a hash of its content ([`super::geometry::key`], hexadecimal), so
+//! writing it twice writes the same. A registration holds its key from before its write until its
+//! end. A failed registration removes the blob only if nobody else holds the key and no record uses
+//! it, and no other registration can begin to hold the key meanwhile. The caller says which records
+//! exist.
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
@@ -21,7 +22,7 @@ pub type GeometryKey = [u8; 32];
 
 const DIRECTORY: &str = "hosts";
 
-/// Keys of registrations that run now, with how many each.
+/// Keys that running registrations hold, with the number of holds of each.
 pub(super) type Held = Arc<Mutex<HashMap<GeometryKey, usize>>>;
 
 fn path(key: &GeometryKey) -> BlobPath {
@@ -34,7 +35,7 @@ pub(super) fn key_of(path: &BlobPath) -> Option<GeometryKey> {
     Some(key)
 }
 
-/// Ends one hold; how many are left.
+/// Ends one hold. Returns how many are left.
 fn end(held: &mut HashMap<GeometryKey, usize>, key: &GeometryKey) -> usize {
     let left = held.get(key).map_or(0, |count| count.saturating_sub(1));
     if left == 0 {
@@ -46,12 +47,12 @@ fn end(held: &mut HashMap<GeometryKey, usize>, key: &GeometryKey) -> usize {
 }
 
 impl Blobs {
-    /// Holds a host: its blob, if it is there or comes, stays until [`Blobs::release_host`].
+    /// Holds a host: its blob, now or once written, stays until [`Blobs::release_host`].
     pub async fn hold_host(&self, key: &GeometryKey) {
         *self.held.lock().await.entry(*key).or_default() += 1;
     }
 
-    /// Writes a host that is held, unless it is there.
+    /// Writes a host that is held, unless it is stored already.
     ///
     /// # Errors
     /// [`BlobError::Store`].
@@ -66,22 +67,22 @@ impl Blobs {
         }
     }
 
-    /// Ends a hold of which there is a record now: the blob stays.
+    /// Ends a hold after its record was registered: the blob stays.
     pub async fn keep_host(&self, key: &GeometryKey) {
         end(&mut *self.held.lock().await, key);
     }
 
-    /// Ends a hold. When it was the last and `is_used` says that no record uses the host, the blob
-    /// is removed.
+    /// Ends a hold. If it was the last one and `is_used` says that no record uses the host, the
+    /// blob is removed.
     ///
     /// # Errors
-    /// [`BlobError::Store`], and what `is_used` failed with; then the blob stays.
+    /// [`BlobError::Store`], or the error of `is_used`. On the latter the blob stays.
     pub async fn release_host<E: From<BlobError>>(
         &self,
         key: &GeometryKey,
         is_used: impl Future<Output = Result<bool, E>>,
     ) -> Result<(), E> {
-        // Locked to the end: whoever would hold the key next writes the blob anew.
+        // The lock is kept to the end: whoever holds the key next writes the blob anew.
         let mut held = self.held.lock().await;
         if end(&mut held, key) > 0 {
             return Ok(());
@@ -89,7 +90,7 @@ impl Blobs {
         if is_used.await? { Ok(()) } else { Ok(self.remove_at(&path(key)).await?) }
     }
 
-    /// The packed geometry of a host; `None` when it is not there.
+    /// The packed geometry of a host; `None` if it is missing.
     ///
     /// # Errors
     /// [`BlobError::Store`].
@@ -136,7 +137,7 @@ mod tests {
         assert_eq!(blobs.host(&KEY).await.unwrap().unwrap(), bytes);
         blobs.release_host(&KEY, used(true)).await.unwrap();
         assert_eq!(blobs.host_keys().await.unwrap(), BTreeSet::from([KEY]));
-        // A third fails while the second's record uses it, a fourth after nobody does.
+        // A third fails while the second's record uses the host, a fourth when no record uses it.
         for is in [true, false] {
             blobs.hold_host(&KEY).await;
             blobs.put_host(&KEY, bytes.clone()).await.unwrap();

@@ -1,5 +1,5 @@
-//! The container of a marked file at rest: frames that are compressed each for itself, so that a
-//! part of the file is read without the rest.
+//! The container of a stored marked file. Its frames are compressed one by one, so that a part of
+//! the file can be read without the rest.
 //!
 //! All numbers are little endian:
 //!
@@ -14,9 +14,9 @@
 //! | 8 | the first 8 bytes of the SHA-256 of everything above |
 //! | the rest | the frames, one after the other |
 //!
-//! A frame whose stored length is its plain length is stored as it is; a shorter one is a zstd
-//! frame. Pure; must not know where the bytes are kept. The reader treats them as hostile: a backup
-//! can be damaged.
+//! A frame whose stored length equals its plain length is stored as it is; a shorter one is a zstd
+//! frame. Pure; must not know where the bytes are kept. The reader treats the bytes as hostile: a
+//! backup can be damaged.
 
 use std::ops::Range;
 
@@ -26,34 +26,35 @@ use sha2::{Digest, Sha256};
 use crate::mesh::stop::{Stop, go_on, never};
 
 const MAGIC: &[u8; 8] = b"QMF1\r\n\x1a\n";
-/// Magic, three numbers and the hash: what tells the length of the header.
+/// Length of the magic, the three numbers and the hash, which give the length of the header.
 pub const PREFIX_BYTES: usize = 8 + 4 + 4 + 8 + 32;
 const ENTRY_BYTES: usize = 12;
 const CHECK_BYTES: usize = 8;
-/// What one reader holds is a frame or two. With frames of 1 MiB the dragon's OBJ would take 26.7 %
-/// of its bytes instead of 27.3 %, a GLB as much as now, and thirty readers four times the memory.
+/// Plain bytes of a frame. A reader holds one or two frames. With frames of 1 MiB, the dragon's OBJ
+/// would take 26.7 % of its bytes instead of 27.3 %, a GLB as much as now, and thirty readers four
+/// times the memory.
 const FRAME_BYTES: usize = 256 << 10;
-/// Frames that are copied, or bytes of so many that are hashed, between two questions whether to stop.
+/// Number of frames that are copied, or hashed, between two queries of `stop`.
 const FRAMES: usize = 16;
-/// A header cannot ask for larger frames than this.
+/// Most plain bytes of a frame that a header may name.
 const MOST_FRAME_BYTES: u64 = 4 << 20;
-/// On OBJ level 3 makes 3 % more bytes than this one in half as much time again. Level 9 makes 15 %
-/// fewer in eight times the time, which would be half of what marking takes.
+/// Level 3 makes OBJ files 3 % larger than level 1 does, in half as much time again. Level 9 makes
+/// them 15 % smaller in eight times the time, which would be half of what the marking takes.
 const ZSTD_LEVEL: i32 = 1;
 
 /// Why a stored file cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum MarkedError {
-    /// It is not this container, or was changed, or cut off.
+    /// The file is not this container, was changed, or is cut off.
     #[error("the stored file is damaged: {0}")]
     Damaged(&'static str),
-    /// Longer than the container can hold.
+    /// The file is longer than the container can hold.
     #[error("the file is too long to be stored")]
     TooLong,
-    /// The caller gave up.
+    /// The caller stopped the packing.
     #[error("packing was given up")]
     Stopped,
-    /// zstd refused.
+    /// zstd failed.
     #[error("the file cannot be compressed: {0}")]
     Zstd(#[from] std::io::Error),
 }
@@ -122,13 +123,13 @@ fn pack_frame(plain: &[u8]) -> Result<([u8; ENTRY_BYTES], Vec<u8>), MarkedError>
     Ok((entry, stored))
 }
 
-/// Finds damage, not forgery: who can write to the store can write a fitting checksum, too.
+/// Detects damage, not forgery: whoever can write to the store can write a fitting checksum too.
 fn check_of(bytes: &[u8]) -> [u8; CHECK_BYTES] {
     let hash: [u8; 32] = Sha256::digest(bytes).into();
     std::array::from_fn(|place| hash.get(place).copied().unwrap_or_default())
 }
 
-/// Where the frames of a stored file are.
+/// The positions of the frames of a stored file.
 #[derive(Debug)]
 pub struct Index {
     frame_bytes: u64,
@@ -182,15 +183,16 @@ impl Prefix {
     }
 }
 
-/// Whether a stored file is of this container. Files that were stored before it existed are not:
-/// they are the plain file.
+/// Whether a stored file is in this container. Files that were stored before the container existed
+/// are plain files.
 #[must_use]
 pub fn is_packed(head: &[u8]) -> bool {
     head.starts_with(MAGIC)
 }
 
 impl Index {
-    /// Bytes of the header of a stored file of `blob_bytes`, from its first [`PREFIX_BYTES`].
+    /// Length in bytes of the header of a stored file of `blob_bytes`, from its first
+    /// [`PREFIX_BYTES`].
     ///
     /// # Errors
     /// [`MarkedError::Damaged`], also when the file is shorter than its header.
@@ -202,7 +204,7 @@ impl Index {
         Ok(header)
     }
 
-    /// Reads the header of a stored file of `blob_bytes`; `head` holds at least the header.
+    /// Reads the header of a stored file of `blob_bytes`. `head` holds at least the whole header.
     ///
     /// # Errors
     /// [`MarkedError::Damaged`] for anything that [`pack`] did not write.
@@ -256,14 +258,14 @@ impl Index {
         usize::try_from(position / self.frame_bytes).ok().filter(|&frame| frame < self.frames.len())
     }
 
-    /// Where a frame is in the stored file.
+    /// The range of a frame in the stored file.
     #[must_use]
     pub fn stored(&self, frame: usize) -> Option<Range<u64>> {
         let Frame { start, stored, .. } = *self.frames.get(frame)?;
         Some(start..start + stored)
     }
 
-    /// Which bytes of the plain file a frame holds.
+    /// The range of the plain file that a frame holds.
     #[must_use]
     pub fn plain(&self, frame: usize) -> Option<Range<u64>> {
         let start = (frame as u64).checked_mul(self.frame_bytes)?;
@@ -285,7 +287,7 @@ impl Index {
         let plain = if stored.len() == length {
             stored
         } else {
-            // At most `MOST_FRAME_BYTES`, whatever the frame says.
+            // The result is at most `MOST_FRAME_BYTES` long, whatever the frame says.
             zstd::bulk::decompress(&stored, length).map_err(|_| changed())?
         };
         if plain.len() != length || check_of(&plain) != entry.check {
@@ -320,7 +322,7 @@ mod tests {
         Ok(plain)
     }
 
-    /// Text that packs, and noise that does not.
+    /// Text that compresses, and noise that does not.
     fn samples() -> Vec<Vec<u8>> {
         let noise = |length: u32| -> Vec<u8> {
             (0..length.div_ceil(32)).flat_map(|n| Sha256::digest(n.to_le_bytes())).collect()
@@ -378,7 +380,7 @@ mod tests {
     #[test]
     fn a_header_that_promises_much_costs_nothing() {
         let mut promising = packed(&samples()[2]);
-        // 2^40 plain bytes in 2^22 frames, and a checksum that fits.
+        // A header with 2^40 plain bytes in 2^22 frames, and a checksum that fits.
         let frame: u32 = 1 << 18;
         promising.truncate(PREFIX_BYTES);
         promising[8..12].copy_from_slice(&frame.to_le_bytes());
@@ -388,7 +390,7 @@ mod tests {
         promising.extend_from_slice(&check);
         assert!(Index::header_bytes(&promising, promising.len() as u64).is_err());
         assert!(Index::read(&promising, promising.len() as u64).is_err());
-        // Frames that cannot be that large.
+        // Frames of an impossible size.
         promising[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
         assert!(Index::header_bytes(&promising, u64::MAX).is_err());
         promising[8..12].copy_from_slice(&0_u32.to_le_bytes());

@@ -1,10 +1,12 @@
-//! The blob store: marked files under the id of their record, host geometries once each.
+//! The blob store: marked files, each under the id of its record, and host geometries, each stored
+//! once.
 //!
-//! `files/{id}` is the marked file (compressed, see [`marked`]), `hosts/{key}` the geometry of a host
-//! (see [`geometry`] and `hosts`; in data directories of before, `hosts/{id}`). Each write is whole
-//! or not there. Blobs are written before their record is registered and removed when that fails; what
-//! a crash left between the two, the service finds at the start. Must not know about HTTP, watermarks
-//! or records; nothing here is named by a user: path components are a record's id, or a hash.
+//! `files/{id}` is a marked file, compressed (see [`marked`]). `hosts/{key}` is the geometry of a
+//! host (see [`geometry`] and `hosts`); older data directories have `hosts/{id}`. A blob is written
+//! whole or not at all. Blobs are written before their record is registered, and removed when the
+//! registration fails. The service finds at its start what a crash left between the two. Must not
+//! know about HTTP, watermarks or records. No path contains a user's words: its parts are a
+//! record's id or a hash.
 
 pub mod geometry;
 mod hosts;
@@ -31,34 +33,34 @@ pub use quarantine::Name;
 /// Why a blob could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum BlobError {
-    /// The store refused.
+    /// The store refused or failed.
     #[error("blob store: {0}")]
     Store(#[from] object_store::Error),
-    /// A marked file was stored and is not whole.
+    /// A stored marked file is not whole.
     #[error(transparent)]
     Marked(#[from] MarkedError),
-    /// The thread that unpacks ended before it was done.
+    /// The thread that unpacks a file died.
     #[error("a stored file could not be unpacked")]
     Unpacking,
     /// There is no store.
     #[error("there is no directory {0}")]
     NoDirectory(String),
-    /// The directory of the store cannot be made.
+    /// The directory of the store cannot be created.
     #[error("the blob directory {path} cannot be created: {source}")]
     Directory {
         /// The directory.
         path: String,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
 }
 
-/// What a blob is.
+/// The kind of a blob.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// The marked file.
     File,
-    /// The host's geometry, as it was stored before hosts were stored once each.
+    /// The host's geometry, as it was stored before hosts were stored once per geometry.
     Host,
 }
 
@@ -81,19 +83,19 @@ impl Kind {
 #[derive(Debug, Clone)]
 pub struct Blobs {
     store: Arc<dyn ObjectStore>,
-    /// Where it is in the local file system.
+    /// Its directory in the local file system.
     directory: Option<PathBuf>,
     held: hosts::Held,
 }
 
 impl Blobs {
-    /// A store in a directory of the local file system, made if it is not there.
+    /// A store in a directory of the local file system, created if it is missing.
     ///
     /// # Errors
-    /// [`BlobError`] when the directory cannot be made.
+    /// [`BlobError`] when the directory cannot be created.
     pub fn local(directory: &Path) -> Result<Self, BlobError> {
-        // Made here and not by the first blob: of two at once, one would not wait until the name of
-        // the directory that the other makes is on the disk.
+        // The directories are created here and not with the first blob: of two writers at once, one
+        // would not wait until the name of the directory that the other creates is on the disk.
         for kind in Kind::ALL {
             let inside = directory.join(kind.directory());
             create_directory(&inside).map_err(|source| BlobError::Directory {
@@ -104,10 +106,10 @@ impl Blobs {
         Self::over(directory)
     }
 
-    /// A store that is there already; nothing is made.
+    /// Opens a store that exists; `None` if there is none. Nothing is created.
     ///
     /// # Errors
-    /// [`BlobError::Store`] when it cannot be used.
+    /// [`BlobError::Store`] when the store cannot be used.
     pub fn there(directory: &Path) -> Result<Option<Self>, BlobError> {
         if directory.is_dir() { Self::over(directory).map(Some) } else { Ok(None) }
     }
@@ -118,10 +120,10 @@ impl Blobs {
         Ok(Self { store: Arc::new(store), directory: Some(directory.to_owned()), held })
     }
 
-    /// Files of writes that did not end: of now, or of before a crash.
+    /// Files of unfinished writes: running ones, or ones that a crash ended.
     #[must_use]
     pub fn staging(&self) -> Vec<PathBuf> {
-        // The store's own listing hides them: `{name}#{number}`.
+        // The store's own listing hides such files. Their names are `{name}#{number}`.
         let is_staging = |path: &PathBuf| {
             let name = path.file_name().and_then(std::ffi::OsStr::to_str);
             let number = name.and_then(|name| name.rsplit_once('#')).map(|(_, number)| number);
@@ -133,7 +135,7 @@ impl Blobs {
         entries.map(|entry| entry.path()).filter(is_staging).collect()
     }
 
-    /// Removes them; how many. Only while nothing is written.
+    /// Removes these files and returns their number. Call it only while nothing is written.
     #[must_use]
     pub fn remove_staging(&self) -> usize {
         self.staging().iter().filter(|path| std::fs::remove_file(path).is_ok()).count()
@@ -148,7 +150,7 @@ impl Blobs {
         Ok(())
     }
 
-    /// Reads a blob; `None` when there is none.
+    /// Reads a blob; `None` if there is none.
     ///
     /// # Errors
     /// [`BlobError::Store`].
@@ -160,7 +162,7 @@ impl Blobs {
         }
     }
 
-    /// Removes the marked file of a record; that it is not there is no error.
+    /// Removes the marked file of a record. A missing file is no error.
     ///
     /// # Errors
     /// [`BlobError::Store`].
@@ -168,7 +170,7 @@ impl Blobs {
         self.remove_at(&Kind::File.path(id)).await
     }
 
-    /// Removes the host of a record that is stored under the record's own id.
+    /// Removes a host that is stored under the id of its record.
     ///
     /// # Errors
     /// [`BlobError::Store`].
@@ -183,7 +185,7 @@ impl Blobs {
         }
     }
 
-    /// How many blobs there are, quarantine aside.
+    /// Number of blobs, without those in quarantine.
     ///
     /// # Errors
     /// [`BlobError::Store`].

@@ -1,7 +1,8 @@
-//! Quarantine: where blobs wait that no record owns, before they are deleted.
+//! The quarantine: blobs without a record wait here before they are deleted.
 //!
-//! `quarantine/{batch}/files/{id}` and `.../hosts/{name}`; a batch is named by the time of its
-//! sweep. Moving a blob back undoes it. Must not know who owns what, nor how long a batch waits.
+//! The paths are `quarantine/{batch}/files/{id}` and `.../hosts/{name}`. A batch is named by the
+//! time of its sweep. Moving a blob back undoes the quarantine. Must not know who owns what, nor
+//! how long a batch waits.
 
 use std::collections::BTreeSet;
 
@@ -13,7 +14,7 @@ use super::{BlobError, Blobs};
 
 pub(super) const DIRECTORY: &str = "quarantine";
 
-/// A blob, wherever its name comes from.
+/// The name of a blob, of whatever form.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Name {
     /// `files` or `hosts`.
@@ -66,7 +67,7 @@ impl Blobs {
         Ok(found.common_prefixes.iter().filter_map(name).collect())
     }
 
-    /// Deletes a batch of the quarantine; how many blobs it held.
+    /// Deletes a batch of the quarantine. Returns the number of its blobs.
     ///
     /// # Errors
     /// [`BlobError::Store`].
@@ -76,8 +77,8 @@ impl Blobs {
         for blob in &found {
             self.remove_at(&blob.location).await?;
         }
-        // The empty directories would be listed as a batch for ever. (Where one is not empty, a file
-        // lies there that is not ours.)
+        // Without this the empty directories would be listed as a batch for ever. A directory that
+        // is not empty holds a file that the service did not write.
         if let Some(directory) = &self.directory {
             let batch = directory.join(DIRECTORY).join(batch);
             for inside in ["files", "hosts", ""] {

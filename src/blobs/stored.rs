@@ -1,4 +1,4 @@
-//! A marked file in the store, read in parts: what a reader holds does not grow with the file.
+//! A marked file in the store, read in parts: the memory of a reader does not grow with the file.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,12 +12,12 @@ use uuid::Uuid;
 use super::marked::{Index, MarkedError, PREFIX_BYTES, is_packed};
 use super::{BlobError, Blobs, Kind};
 
-/// The header of a file of 1.4 GB is no longer than this, and is read in one step.
+/// Bytes that are read first. The header of a file of 1.4 GB is no longer than this.
 const HEAD_BYTES: u64 = 64 << 10;
-/// Steps in which a file is read that was stored before the container existed.
+/// Bytes per read of a file that was stored before the container existed.
 const PLAIN_STEP: u64 = 256 << 10;
 
-/// A marked file in the store, opened: its header was read and is whole.
+/// An opened marked file in the store. Its header was read and is whole.
 #[derive(Debug)]
 pub struct StoredFile {
     store: Arc<dyn ObjectStore>,
@@ -35,7 +35,7 @@ enum Layout {
 }
 
 impl Blobs {
-    /// Whether a marked file is in the store; nothing of it is read.
+    /// Whether a marked file is in the store. The file is not read.
     ///
     /// # Errors
     /// [`BlobError::Store`].
@@ -47,7 +47,7 @@ impl Blobs {
         }
     }
 
-    /// Opens a marked file; `None` when there is none.
+    /// Opens a marked file; `None` if there is none.
     ///
     /// # Errors
     /// [`BlobError`], also when its header is damaged.
@@ -85,7 +85,7 @@ impl StoredFile {
         }
     }
 
-    /// SHA-256 that the marked file had when it was stored, where the store says it.
+    /// SHA-256 of the marked file when it was stored; `None` for a plain file.
     #[must_use]
     pub fn sha256(&self) -> Option<[u8; 32]> {
         match &self.layout {
@@ -94,8 +94,8 @@ impl StoredFile {
         }
     }
 
-    /// A part of the marked file, read as it is asked for; each frame is checked. A range that
-    /// reaches beyond the file ends with it.
+    /// A range of the marked file, read as the caller takes it. Each frame is checked. A range that
+    /// reaches beyond the file ends with the file.
     pub fn stream(
         self,
         range: Range<u64>,
@@ -111,7 +111,7 @@ impl StoredFile {
         })
     }
 
-    /// The bytes from `position`, at most to `end`: at least one.
+    /// The bytes from `position`, at least one, and none at or after `end`.
     async fn step(&self, position: u64, end: u64) -> Result<Bytes, BlobError> {
         let bytes = match &self.layout {
             Layout::Plain { .. } => {
@@ -201,7 +201,7 @@ mod tests {
             std::fs::write(&path, &packed[..kept]).unwrap();
             assert!(blobs.open_file(id).await.is_err(), "{kept} bytes");
         }
-        // Cut off while it is read.
+        // The file is cut off while it is read.
         assert!(file.stream(0..1 << 20).try_collect::<Vec<_>>().await.is_err());
         std::fs::write(&path, &packed).unwrap();
         let file = blobs.open_file(id).await.unwrap().unwrap();

@@ -7,13 +7,14 @@ use quadmark::service::check;
 
 use super::{Outcome, files};
 
-/// Which directory.
+/// The data directory to check.
 ///
-/// Reads every record, every marked file and every host, and compares their hashes; looks for files
-/// that no record owns, for missing master keys, and lets the database check itself. Nothing is
-/// changed. While a service runs on the directory, a mark that is being registered in this moment
-/// may be listed as a file without a record, or as unfinished: then check again. Exit code 0: all is
-/// well; 1: something is not, one line for each; 2: it cannot be checked.
+/// Reads every record, every marked file and every host, and compares their hashes. Looks for files
+/// that no record owns and for missing master keys, and lets the database check itself. Nothing is
+/// changed. While a service runs on the directory, a mark that is being registered at that moment
+/// may be listed as a file without a record, or as unfinished: then check again. Exit code 0:
+/// everything is as it should be; 1: something is not, with one line for each finding; 2: the
+/// directory cannot be checked.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Print what was found as JSON.
@@ -26,7 +27,7 @@ pub(super) struct Arguments {
 /// Prints one line for each finding.
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     let mut args = arguments.config.clone();
-    // No address is used here.
+    // No address is used here, so no address is refused.
     args.settings.insecure_listen = Some(true);
     let config = Config::load(args)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;

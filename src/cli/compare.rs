@@ -17,10 +17,11 @@ pub(super) struct Arguments {
     first: PathBuf,
     /// The second file.
     second: PathBuf,
-    /// Samples on edges, and in triangles, beside all vertices. 0 measures at the vertices alone.
+    /// Samples on edges, and in triangles, beside all vertices. With 0 the distance is measured at
+    /// the vertices alone.
     #[arg(long, default_value_t = SAMPLES_PER_KIND)]
     samples: usize,
-    /// Measure too how visible the difference is (MSDM2), from 0 for not at all towards 1.
+    /// Also measure how visible the difference is (MSDM2), from 0 for not at all towards 1.
     #[arg(long)]
     perceived: bool,
     /// Print JSON.

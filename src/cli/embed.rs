@@ -25,15 +25,15 @@ pub(super) struct Arguments {
     /// cho-mean, cho-var, qsp-mean, qsp-var, exact-mean or exact-var.
     #[arg(long, default_value_t, value_parser = super::parse_method)]
     method: Method,
-    /// blind, relief or both: the relief survives a new tessellation and fragments, and is read with
-    /// `extract --host` against the host: keep it.
+    /// blind, relief or both. The relief survives a new tessellation and fragments. It is read
+    /// against the host with `extract --host`: keep the host.
     #[arg(long, default_value = "blind", value_parser = super::parse_layers)]
     layers: Layers,
     /// How far each bin's statistic is moved: 0.01 to 0.25; 0.15 when not given.
     #[arg(long, value_parser = super::parse_strength)]
     strength: Option<Strength>,
     /// Mark as strongly as this distortion allows (MRMS as a share of the diagonal, 0.000001 to
-    /// 0.1), up to --strength where that is given.
+    /// 0.1), with at most --strength if that is given.
     #[arg(long)]
     max_distortion: Option<MaxDistortion>,
     /// How many bits the mark carries: 16 to 256.

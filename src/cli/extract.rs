@@ -25,15 +25,15 @@ pub(super) struct Arguments {
     /// How many bits the mark carries.
     #[arg(long, default_value_t, value_parser = super::parse_bits)]
     bits: BitCount,
-    /// mean or variance: the statistic of the method it was marked with.
+    /// mean or variance: the statistic that the method of the mark moves.
     #[arg(long, default_value = "mean", value_parser = super::parse_modulation)]
     modulation: Modulation,
-    /// The host: reads the relief against it instead, and says how sure it is that the file carries the
-    /// one of this key. Exit code 1 when it is not sure.
+    /// The host. With it the relief is read instead, against the host, and the answer is how sure
+    /// it is that the file carries the relief of this key. The exit code is 1 when it is not sure.
     #[arg(long)]
     host: Option<PathBuf>,
-    /// How far the relief moves the surface, as the report of its embedding says: a share of the diagonal
-    /// [default: 0.00008].
+    /// How far the relief moves the surface, as the report of its embedding says: a share of the
+    /// diagonal [default: 0.00008].
     #[arg(long, requires = "host", value_name = "SHARE", value_parser = super::parse_amplitude)]
     amplitude: Option<Amplitude>,
     /// Print bits, margins, counts and the frame as JSON.
@@ -75,7 +75,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Bounds below this are a match: that of a service as it comes.
+/// A bound below this is a match. It is the default threshold of the service.
 const CERTAIN: f64 = -9.0;
 
 fn relief(arguments: &Arguments, host: &Path) -> Outcome {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::Failure;
 
-/// All bytes of a file.
+/// Reads all bytes of a file.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     let failed = |error| Failure(format!("cannot read {}: {error}", path.display()));
     if path == Path::new("-") {
@@ -16,14 +16,14 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     std::fs::read(path).map_err(failed)
 }
 
-/// Writes a file whole or not at all: to a temporary file beside it, then renamed.
+/// Writes a file whole or not at all: to a temporary file beside it, which is then renamed.
 pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let failed = |error| Failure(format!("cannot write {}: {error}", path.display()));
     if path == Path::new("-") {
         let mut out = std::io::stdout().lock();
         return out.write_all(bytes).and_then(|()| out.flush()).map_err(failed);
     }
-    // A device or a pipe cannot be renamed onto.
+    // A device or a pipe cannot be the target of a rename.
     if std::fs::metadata(path).is_ok_and(|existing| !existing.is_file()) {
         return std::fs::write(path, bytes).map_err(failed);
     }
@@ -31,7 +31,7 @@ pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let mut builder = tempfile::Builder::new();
     #[cfg(unix)]
     {
-        // The usual permissions; the temporary file's own would be the owner's alone.
+        // Uses the usual permissions; the temporary file would be accessible to its owner only.
         use std::os::unix::fs::PermissionsExt as _;
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }

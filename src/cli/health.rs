@@ -1,4 +1,4 @@
-//! `quadmark health`: asks a running service whether it is ready; for container health checks.
+//! `quadmark health`: asks a running service whether it is ready. For container health checks.
 
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
@@ -10,20 +10,20 @@ use quadmark::config::{Config, ConfigArgs};
 use super::{Failure, Outcome};
 
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// The status line is all that is read.
+/// Most bytes that are read: only the status line is needed.
 const MOST: u64 = 1024;
 
-/// Where the settings come from; only the address is used.
+/// The source of the settings; only the address is used.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]
     config: ConfigArgs,
 }
 
-/// Prints `ok`, or fails.
+/// Prints `ok` or fails.
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     let mut args = arguments.config.clone();
-    // Asking is harmless wherever the service listens.
+    // A query is harmless wherever the service listens.
     args.settings.insecure_listen = Some(true);
     let address = reachable(Config::load(args)?.listen);
     let status =
@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     Err(Failure(format!("{address} is not ready: {line}")))
 }
 
-/// A service that listens on all addresses is asked on the loopback one.
+/// The address to ask: loopback for a service that listens on all addresses.
 fn reachable(mut address: SocketAddr) -> SocketAddr {
     if address.ip().is_unspecified() {
         address.set_ip(match address {

@@ -12,7 +12,7 @@ use super::{Outcome, files, limits};
 
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// The file to look at (OBJ, GLB or glTF); - is standard input.
+    /// The file to inspect (OBJ, GLB or glTF); - is standard input.
     input: PathBuf,
     /// The method that a mark would use.
     #[arg(long, default_value_t, value_parser = super::parse_method)]
@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What is printed as JSON.
+/// The output as JSON.
 #[derive(serde::Serialize)]
 struct InspectedFile<'a> {
     #[serde(flatten)]

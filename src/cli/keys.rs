@@ -39,12 +39,12 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
 
 fn open(args: &ConfigArgs) -> Result<KeyRing, Failure> {
     let mut args = args.clone();
-    // No address is used here.
+    // No address is used here, so no address is refused.
     args.settings.insecure_listen = Some(true);
     let config = Config::load(args)?;
     Ok(match &config.master_key {
         Some(key) => KeyRing::from_hex(key.reveal())?,
-        // Not made here: a mistyped --data should not make a key that nobody uses.
+        // No key is made here: a mistyped --data should not make a key that nobody uses.
         None => KeyRing::open(&config.master_key_file)?,
     })
 }

@@ -25,11 +25,11 @@ pub(super) struct Arguments {
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Folder for results.csv, summary.json, report.html, and the report's tables and figures as
-    /// files; made when it is not there.
+    /// files; created if it is missing.
     #[arg(long)]
     out: PathBuf,
-    /// Which marks and attacks: quick, paper (the tables and figures of Luo and Bors 2009) or liris
-    /// (the LIRIS benchmark).
+    /// The grid of marks and attacks: quick, paper (the tables and figures of Luo and Bors 2009) or
+    /// liris (the LIRIS benchmark).
     #[arg(long, default_value_t)]
     grid: Grid,
     /// Methods, separated by commas, instead of the grid's.
@@ -44,16 +44,17 @@ pub(super) struct Arguments {
     /// Experiments of the grid, by a part of their names, instead of all.
     #[arg(long)]
     experiments: Vec<String>,
-    /// Families of attacks, separated by commas, instead of all (`none` is the mark itself).
+    /// Families of attacks, separated by commas, instead of all (`none` is the mark without an
+    /// attack).
     #[arg(long, value_delimiter = ',')]
     attacks: Vec<String>,
-    /// results.csv of an earlier run with this seed and these files in this order (or unfinished.csv,
-    /// which a run leaves that was killed), reported together with this run's; may be repeated. What
-    /// stands there is not made again: a run that was ended goes on.
+    /// results.csv of an earlier run with this seed and these files in this order, or
+    /// unfinished.csv, which a killed run leaves. Its rows are reported together with those of this
+    /// run, and are not made again, so that a run that was ended can go on. May be repeated.
     #[arg(long)]
     rows: Vec<PathBuf>,
-    /// Marks per mesh and setting, each with a random key and message; the grid's own number (paper
-    /// 50, liris 5, quick 10) when not given.
+    /// Marks per mesh and setting, each with a random key and message. The default is the grid's
+    /// own number: paper 50, liris 5, quick 10.
     #[arg(long)]
     trials: Option<usize>,
     /// Seed of keys, messages and attacks: the same seed gives the same rows.
@@ -103,7 +104,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
         "groups": groups,
     });
     let out = |name: &str| arguments.out.join(name);
-    // Before anything is drawn, which takes long for large meshes.
+    // Written before the figures are drawn, which takes long for large meshes.
     files::write(&out("results.csv"), &to_csv(&rows)?)?;
     kept.end();
     files::write(&out("summary.json"), &serde_json::to_vec_pretty(&summary)?)?;
@@ -128,11 +129,11 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The experiments that are asked for, each with all its attacks: an attack's place among them is what
-/// its random numbers depend on.
+/// The experiments that are requested, each with all its attacks: the random numbers of an attack
+/// depend on its position among them.
 ///
 /// # Errors
-/// When a name stands for nothing: a run without it would look like one with it.
+/// When a name matches nothing: a run without it would look like one with it.
 fn experiments(arguments: &Arguments) -> Result<Vec<Experiment>, Failure> {
     let choices = Choices {
         methods: arguments.methods.clone(),
@@ -185,16 +186,16 @@ fn known_rows(paths: &[PathBuf]) -> Result<Vec<Row>, Failure> {
     Ok(rows)
 }
 
-/// The rows that there are so far, in a file of their own until the run ends.
+/// The rows made so far, in a file of their own until the run ends.
 struct Kept {
     path: PathBuf,
-    /// `None` once it could not be written: half a line must stay the last one.
+    /// `None` after a failed write: a line that is cut off must stay the last one.
     journal: Mutex<Option<Journal<File>>>,
 }
 
 impl Kept {
-    /// Begins with the rows of earlier runs, which were read from `read`. Refuses to write over
-    /// rows that were not.
+    /// Begins the file with the rows of earlier runs, which were read from the files `read`.
+    /// Refuses to overwrite rows that were not read.
     fn begin(path: PathBuf, read: &[PathBuf], rows: &[Row]) -> Result<Self, Failure> {
         let same = |other: &PathBuf| match (other.canonicalize(), path.canonicalize()) {
             (Ok(a), Ok(b)) => a == b,
@@ -228,7 +229,7 @@ impl Kept {
         }
     }
 
-    /// Once they stand in results.csv.
+    /// Removes the file, after its rows were written to results.csv.
     fn end(&self) {
         match std::fs::remove_file(&self.path) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -259,7 +260,7 @@ fn stop_on_ctrl_c() -> Result<&'static AtomicBool, Failure> {
     Ok(&STOPPED)
 }
 
-/// Progress on standard error: rewritten in place on a terminal, else a line now and then.
+/// Progress on standard error: rewritten in place on a terminal, otherwise a line now and then.
 struct Meter {
     started: Instant,
     shown: Mutex<Instant>,
@@ -283,7 +284,7 @@ impl Meter {
         let left = self.started.elapsed().mul_f64((1.0 - share).max(0.0) / share.max(1e-9));
         let line = format!("{done} of {trials} trials, about {} left", duration(left));
         let mut stderr = std::io::stderr().lock();
-        // Whether anyone reads it or not.
+        // It does not matter whether anyone reads it.
         let _ = if self.terminal {
             write!(stderr, "\r{line:60}").and_then(|()| stderr.flush())
         } else {

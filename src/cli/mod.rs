@@ -1,7 +1,7 @@
 //! The command line: one file per command.
 //!
-//! Results go to standard output, everything meant for a person to standard error. Exit code 0:
-//! done, or a match; 1: no match; 2: error.
+//! Results go to standard output, messages for a person to standard error. Exit code 0: done, or a
+//! match; 1: no match, or a faulty data directory; 2: error.
 
 mod check;
 mod compare;
@@ -24,10 +24,10 @@ use quadmark::formats::Limits;
 use quadmark::relief::{Amplitude, Layers};
 use quadmark::watermark::{BitCount, MarkKey, Method, Modulation, Strength, WatermarkError};
 
-/// What a command ends with, or a text for the user.
+/// The exit code of a command, or an error text for the user.
 type Outcome = Result<ExitCode, Failure>;
 
-/// An error as the user reads it: the whole chain in one line.
+/// An error as the user reads it: the error and all its causes in one line.
 struct Failure(String);
 
 impl<E: std::error::Error> From<E> for Failure {
@@ -36,7 +36,7 @@ impl<E: std::error::Error> From<E> for Failure {
         let mut source = error.source();
         while let Some(cause) = source {
             let cause_text = cause.to_string();
-            // Transparent errors repeat their source's text.
+            // A transparent error has the text of its source, which is not repeated.
             if !text.contains(&cause_text) {
                 text = format!("{text}: {cause_text}");
             }
@@ -63,7 +63,7 @@ enum Command {
     Extract(extract::Arguments),
     /// Say what a file is and how well it can carry a mark.
     Inspect(inspect::Arguments),
-    /// Measure how far two surfaces are apart (MRMS and Hausdorff distance, as Metro does).
+    /// Measure the distance between two surfaces (MRMS and Hausdorff, as Metro does).
     Compare(compare::Arguments),
     /// Mark, attack and read meshes: what a mark costs and what it survives, as tables and a report.
     Lab(Box<lab::Arguments>),
@@ -106,7 +106,7 @@ pub(crate) fn run() -> ExitCode {
     })
 }
 
-/// On the command line the caller's own files are read: no limit but the machine's.
+/// On the command line the caller's own files are read, so only the machine limits them.
 fn limits() -> Limits {
     Limits { max_vertices: 1 << 31, max_triangles: 1 << 31, max_bytes: usize::MAX }
 }

@@ -1,17 +1,17 @@
-//! What hosts are called: as their files are, without the ending, and by as many of the folders above
-//! as it takes to tell them apart.
+//! Names of hosts: the names of their files without the extension, with as many of the folders
+//! above as make them different.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use super::Failure;
 
-/// One name a file, all different.
+/// One name per file, all different.
 ///
 /// # Errors
-/// When a file is named twice, whatever the spelling, or names cannot be told apart.
+/// When a file is given twice, however it is spelled, or two names cannot be made different.
 pub(super) fn of(paths: &[PathBuf]) -> Result<Vec<String>, Failure> {
-    // A file that cannot be found is told of when it is read.
+    // A file that cannot be found is reported when it is read.
     let found = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     let found: Vec<PathBuf> = paths.iter().map(found).collect();
     for (number, (path, file)) in paths.iter().zip(&found).enumerate() {
@@ -19,7 +19,7 @@ pub(super) fn of(paths: &[PathBuf]) -> Result<Vec<String>, Failure> {
             return Err(Failure(format!("{} is named twice: once is enough", path.display())));
         }
     }
-    // By what the user calls it, not by what a link leads to.
+    // Named by the path that the user gave, not by the target of a link.
     let whole = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
     let whole: Vec<PathBuf> = paths.iter().map(whole).collect();
     let names: Vec<String> = whole.iter().map(|path| shortest(path, &whole)).collect();
@@ -30,7 +30,7 @@ pub(super) fn of(paths: &[PathBuf]) -> Result<Vec<String>, Failure> {
     }
 }
 
-/// The shortest end of a path that no other has, without the ending if that is enough.
+/// The shortest end of a path that no other path has, without the extension if that is enough.
 fn shortest(path: &Path, all: &[PathBuf]) -> String {
     let own = |end: &dyn Fn(&Path) -> String| {
         let text = end(path);
@@ -75,7 +75,8 @@ mod tests {
             assert_eq!(named(paths).unwrap(), expected);
         }
         assert!(named(&["a/blob.obj", "a/blob.obj"]).unwrap_err().contains("named twice"));
-        // The first two are told apart by their endings, the third is called like one without its.
+        // The first two files differ by their extensions; the third has the same name without its
+        // extension.
         let clash = ["m/blob.obj", "m/blob.glb", "n/blob.obj.glb"];
         assert!(named(&clash).unwrap_err().contains("would be called blob.obj"));
     }

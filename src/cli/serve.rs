@@ -8,7 +8,7 @@ use quadmark::config::{Config, ConfigArgs, LogFormat};
 
 use super::Outcome;
 
-/// Where the settings come from.
+/// The source of the settings.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]
@@ -21,7 +21,7 @@ pub(super) fn run(arguments: &Arguments) -> Outcome {
     start_log(&config);
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let served = runtime.block_on(quadmark::http::serve(config));
-    // A job that does not heed its stop must not keep the process alive.
+    // A job that ignores its stop signal must not keep the process alive.
     runtime.shutdown_timeout(Duration::from_secs(1));
     served?;
     Ok(ExitCode::SUCCESS)
@@ -34,7 +34,7 @@ fn start_log(config: &Config) {
         .with_env_filter(filter)
         .with_ansi(std::io::stderr().is_terminal())
         .with_writer(std::io::stderr);
-    // Fails only when a log was started before; then that one serves.
+    // Fails only if a log was started before; then that one is used.
     let _ = match config.log_format {
         LogFormat::Text => log.try_init(),
         LogFormat::Json => log.json().flatten_event(true).try_init(),

@@ -8,7 +8,7 @@ use quadmark::service::{Depth, Service, ServiceError, Text, Verdict, Verificatio
 
 use super::{Failure, Outcome, files};
 
-/// What to compare with what.
+/// The suspect, and the marks that it is compared with.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// The suspect: OBJ, GLB or glTF; `-` is standard input.
@@ -29,10 +29,10 @@ pub(super) struct Arguments {
     config: ConfigArgs,
 }
 
-/// Prints the verdict; exit code 0 for a match, 1 for none.
+/// Prints the verdict. The exit code is 0 for a match and 1 for any other verdict.
 pub(super) fn run(arguments: &Arguments) -> Outcome {
     let mut args = arguments.config.clone();
-    // No address is used here.
+    // No address is used here, so no address is refused.
     args.settings.insecure_listen = Some(true);
     let config = Config::load(args)?;
     let bytes = files::read(&arguments.input)?;

@@ -1,9 +1,10 @@
-//! Settings: defaults, then a TOML file, then `QUADMARK_...` in the environment, then flags;
-//! each layer over the one before it.
+//! Settings in layers: defaults, then a TOML file, then `QUADMARK_...` in the environment, then
+//! flags. Each layer overrides the one before it.
 //!
-//! [`Config::load`] is the only way in, so every `Config` in the program has been validated.
-//! This module must not open anything but the configuration file, and must not print a secret:
-//! the master key is never a flag (other users see the flags of a process) and never in `Debug`.
+//! Every `Config` comes from [`Config::load`] or [`Config::decide`] and so has been validated. This
+//! module must not open any file but the configuration file, and must not print a secret: the
+//! master key is never a flag, because other users see the flags of a process, and never in
+//! `Debug`.
 
 mod settings;
 
@@ -16,16 +17,16 @@ use crate::formats::Limits;
 
 pub use settings::{ConfigArgs, LogFormat, SecretText, Settings};
 
-/// Bytes of memory that one job is reckoned to need, per byte of its upload.
+/// Bytes of memory that one job is estimated to need per byte of its upload.
 pub const MEMORY_PER_UPLOAD_BYTE: u64 = 12;
 
-/// A week: longer ones are typing errors.
+/// Longest timeout, a week: a longer one is a typing error.
 const LONGEST_TIMEOUT: Duration = Duration::from_hours(7 * 24);
 
-/// A century.
+/// Longest wait in quarantine, a century.
 const LONGEST_QUARANTINE_DAYS: u32 = 36_500;
 
-/// Why the configuration cannot be used. The text names the setting and what to do.
+/// Why the configuration cannot be used. The text names the setting and says what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file named by `--config` or `QUADMARK_CONFIG` cannot be read.
@@ -33,28 +34,28 @@ pub enum ConfigError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// The file is not TOML, or has a key that is no setting.
+    /// The file is not TOML, or has a key that is not a setting.
     #[error("the configuration file {path} is not valid: {reason}")]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// Line, column and what was expected.
+        /// The line, and what is wrong there.
         reason: String,
     },
-    /// A value that cannot work.
+    /// A setting has a value that cannot be used.
     #[error("{setting}: {reason}")]
     Invalid {
         /// The setting's name, as in the TOML file.
         setting: &'static str,
-        /// What is wrong and what would be right.
+        /// What is wrong, and which values are right.
         reason: String,
     },
 }
 
-/// Every setting, decided and validated.
+/// All settings, with defaults filled in, and validated.
 #[derive(Debug, Clone)]
 #[allow(missing_docs)] // each is documented where it is read: in `Settings`
 #[allow(clippy::struct_excessive_bools, reason = "each is a switch of its own")]
@@ -91,10 +92,11 @@ pub struct Config {
 }
 
 impl Config {
-    /// Reads the file if one is named, lays environment and flags over it, and validates.
+    /// Reads the configuration file if one is named, puts environment and flags over it, and
+    /// validates.
     ///
     /// # Errors
-    /// [`ConfigError`], naming the file or the setting.
+    /// [`ConfigError`], which names the file or the setting.
     pub fn load(args: ConfigArgs) -> Result<Self, ConfigError> {
         let file = args.config.as_deref().map(Settings::from_file).transpose()?;
         let mut settings = args.settings;
@@ -107,7 +109,7 @@ impl Config {
     /// Fills in the defaults and validates.
     ///
     /// # Errors
-    /// [`ConfigError::Invalid`], naming the setting.
+    /// [`ConfigError::Invalid`], which names the setting.
     pub fn decide(settings: Settings) -> Result<Self, ConfigError> {
         let data = settings.data.unwrap_or_else(|| PathBuf::from("data"));
         let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);

@@ -1,4 +1,4 @@
-//! One layer of settings, as a file, the environment or flags give it.
+//! One layer of settings, as a file, the environment or flags give them.
 
 use std::fmt;
 use std::net::SocketAddr;
@@ -9,7 +9,7 @@ use zeroize::Zeroizing;
 
 use super::ConfigError;
 
-/// A text that must not be printed: `Debug` shows nothing of it, memory is wiped on drop.
+/// A text that must not be printed: `Debug` hides it, and its memory is wiped on drop.
 #[derive(Clone, Deserialize)]
 #[serde(from = "String")]
 pub struct SecretText(Zeroizing<String>);
@@ -27,7 +27,7 @@ impl SecretText {
         Self(Zeroizing::new(text))
     }
 
-    /// The secret itself, for the one place that needs it.
+    /// The secret itself, for the code that needs it.
     #[must_use]
     pub fn reveal(&self) -> &str {
         &self.0
@@ -40,7 +40,7 @@ impl fmt::Debug for SecretText {
     }
 }
 
-/// How log lines look.
+/// The form of log lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum LogFormat {
@@ -50,20 +50,21 @@ pub enum LogFormat {
     Json,
 }
 
-/// Where the settings come from on a command line: the file's name, and flags over it.
+/// The source of the settings on a command line: the name of the file, and the flags that override
+/// it.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct ConfigArgs {
     /// TOML file with settings (the names are those of the flags, with `_` for `-`)
     #[arg(long, env = "QUADMARK_CONFIG", value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Flags and environment.
+    /// Settings from flags and the environment.
     #[command(flatten)]
     pub settings: Settings,
 }
 
-/// One layer of settings: what it leaves open, the layer below decides.
+/// One layer of settings. What it leaves open, the layer below decides.
 ///
-/// A boolean flag may stand alone (`--insecure-listen`) or be given a value (`--keep-files=false`).
+/// A boolean flag may stand alone (`--insecure-listen`) or have a value (`--keep-files=false`).
 #[derive(Debug, Clone, Default, Deserialize, clap::Args)]
 #[serde(deny_unknown_fields)]
 #[command(next_help_heading = "Settings")]
@@ -74,8 +75,8 @@ pub struct Settings {
     /// Directory of registry, files and master key file [default: ./data]
     #[arg(long, env = "QUADMARK_DATA", value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// 64 hex digits that stand in for the master key file, or several such keys with commas between
-    /// them: the last makes new marks, as in the file, the others verify old ones; not a flag.
+    /// 64 hex digits in place of the master key file, or several such keys with commas between
+    /// them. The last key makes new marks, as in the file; the others verify old ones. Not a flag.
     #[arg(skip)]
     pub master_key: Option<SecretText>,
     /// File of master keys [default: master.keys in the data directory]
@@ -94,7 +95,7 @@ pub struct Settings {
     /// Jobs that may wait for a worker; more are refused with 503 [default: 16]
     #[arg(long, env = "QUADMARK_QUEUE", value_name = "COUNT")]
     pub queue: Option<usize>,
-    /// Memory that running jobs may be reckoned to need together [default: 4294967296]
+    /// Memory that running jobs may be estimated to need together [default: 4294967296]
     #[arg(long, env = "QUADMARK_MEMORY_BUDGET_BYTES", value_name = "BYTES")]
     pub memory_budget_bytes: Option<u64>,
     /// Seconds from the end of an upload to its answer, at most [default: 300]
@@ -103,8 +104,8 @@ pub struct Settings {
     /// Seconds that one upload may take, at most [default: 600]
     #[arg(long, env = "QUADMARK_UPLOAD_TIMEOUT", value_name = "SECONDS")]
     pub upload_timeout: Option<u64>,
-    /// Seconds that a connection may stand still: waiting for a request's header, while an upload's
-    /// bytes do not come, while nobody reads an answer [default: 30]
+    /// Seconds that a connection may stand still: while it waits for the header of a request, while
+    /// the bytes of an upload do not come, while nobody reads an answer [default: 30]
     #[arg(long, env = "QUADMARK_IDLE_TIMEOUT", value_name = "SECONDS")]
     pub idle_timeout: Option<u64>,
     /// Connections at once; a few more are served for /livez and /readyz [default: 4096]
@@ -116,14 +117,15 @@ pub struct Settings {
     /// Bytes that all uploads may take of the disk together [default: 16 largest bodies]
     #[arg(long, env = "QUADMARK_UPLOAD_BUDGET_BYTES", value_name = "BYTES")]
     pub upload_budget_bytes: Option<u64>,
-    /// Bytes of the disk that stay free: with less, uploads are refused with 507 and /readyz fails
+    /// Bytes of the disk that stay free; with less, uploads are refused with 507 and /readyz fails
     /// [default: 268435456]
     #[arg(long, env = "QUADMARK_MIN_FREE_BYTES", value_name = "BYTES")]
     pub min_free_bytes: Option<u64>,
-    /// Names, beside loopback names and the address it listens on, that the service is asked by,
-    /// with or without a port; with them, pages shown under that name may use it. Needed behind a
-    /// proxy, and with --insecure-listen for names (addresses are known). `*`: any name, which
-    /// gives up the protection from pages that make their own name lead here [default: none]
+    /// Further names by which clients may address the service, with or without a port, beside
+    /// loopback names and the address that it listens on. Pages shown under these names may use the
+    /// service. Needed behind a proxy, and with --insecure-listen for clients that use a name
+    /// instead of an address. `*` allows any name, which gives up the protection against pages that
+    /// make their own name lead here [default: none]
     #[arg(long, env = "QUADMARK_ALLOWED_HOSTS", value_name = "NAME,...", value_delimiter = ',')]
     pub allowed_hosts: Option<Vec<String>>,
     /// Seconds that running requests get to end at shutdown [default: 30]
@@ -156,12 +158,12 @@ pub struct Settings {
         allow_negative_numbers = true
     )]
     pub inconclusive_threshold_log10: Option<f64>,
-    /// Start although master keys that records need are missing: their marks are not recognised
+    /// Start although master keys that records need are missing; their marks are not recognised
     #[arg(long, env = "QUADMARK_ALLOW_UNREADABLE_MARKS", num_args = 0..=1, require_equals = true,
           default_missing_value = "true", value_name = "BOOL")]
     pub allow_unreadable_marks: Option<bool>,
-    /// Start although the registry is gone, older or another, or files without a record lie beside it:
-    /// these go to quarantine
+    /// Start although the registry is missing, older or another one, or files without a record lie
+    /// beside it; these files go to quarantine
     #[arg(long, env = "QUADMARK_ACCEPT_REGISTRY", num_args = 0..=1, require_equals = true,
           default_missing_value = "true", value_name = "BOOL")]
     pub accept_registry: Option<bool>,
@@ -189,7 +191,7 @@ macro_rules! layered {
 }
 
 impl Settings {
-    /// These settings, and those of `below` where these are silent.
+    /// These settings, completed by those of `below`.
     #[must_use]
     pub fn over(self, below: Self) -> Self {
         let top = self;
@@ -204,7 +206,8 @@ impl Settings {
     pub(super) fn from_file(path: &Path) -> Result<Self, ConfigError> {
         let text = std::fs::read_to_string(path)
             .map_err(|source| ConfigError::Unreadable { path: path.to_owned(), source })?;
-        // The message alone: the full text quotes the line, which may be the master key's.
+        // The message alone is reported: the full text quotes the line, which may hold the master
+        // key.
         toml::from_str(&text).map_err(|error: toml::de::Error| {
             let line = error
                 .span()
@@ -216,7 +219,7 @@ impl Settings {
     }
 }
 
-/// A parser's message without quoted values (`string "..."`), which may be a secret.
+/// A parser's message without quoted values (`string "..."`), which may be secrets.
 fn without_values(message: &str) -> String {
     match message.find("string \"") {
         Some(at) => format!("{}a string of the wrong form", message.get(..at).unwrap_or_default()),

@@ -1,11 +1,11 @@
-//! What a caller takes as the answer to an embedding: the `Accept` header, as RFC 9110 has it
+//! What a caller accepts as the answer to an embedding: the `Accept` header, as RFC 9110 defines it
 //! (section 12.5.1).
 //!
-//! The answer is the marked file, in the media type of the upload, or the record as JSON. Where a
-//! caller takes both equally (`*/*`, or axios' `application/json, text/plain, */*`), it is the file.
-//! Errors are problem documents whatever the header says.
+//! The answer is the marked file, in the media type of the upload, or the record as JSON. If a
+//! caller accepts both equally (`*/*`, or axios' `application/json, text/plain, */*`), the answer
+//! is the file. Errors are problem documents, whatever the header says.
 //!
-//! Crates for this choose among equals in the caller's order, which would answer axios with JSON.
+//! Existing crates choose among equals in the caller's order, and would answer axios with JSON.
 
 use axum::http::{HeaderMap, header};
 
@@ -19,7 +19,7 @@ const JSON: &str = "application/json";
 /// Weights are thousandths: RFC 9110 gives them three decimals.
 const FULL: u16 = 1000;
 
-/// What to answer with.
+/// The form of the answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Wanted {
     /// The marked file.
@@ -28,41 +28,42 @@ pub(super) enum Wanted {
     Record,
 }
 
-/// The ranges of an `Accept` header; none where anything is welcome.
+/// The ranges of an `Accept` header; empty if anything is accepted.
 #[derive(Debug, Default)]
 pub(super) struct Accept(Vec<Range>);
 
-/// A media range with its weight. Parameters of the type are not looked at: ours have none, and a
-/// caller who writes `application/json; charset=utf-8` means JSON.
+/// A media range with its weight. Parameters of the type are ignored: the media types here have
+/// none, and a caller that sends `application/json; charset=utf-8` means JSON.
 #[derive(Debug, PartialEq, Eq)]
 struct Range {
-    /// In lower case; `*` for all.
+    /// In lower case; `*` for any.
     kind: String,
     subtype: String,
     weight: u16,
 }
 
 impl Accept {
-    /// Reads the header; what in it cannot be read is passed over.
+    /// Reads the header and skips what cannot be read.
     pub(super) fn of(headers: &HeaderMap) -> Self {
         let values = headers.get_all(header::ACCEPT);
         let texts = values.iter().filter_map(|value| value.to_str().ok());
         Self(texts.flat_map(|text| split(text, ',')).filter_map(Range::parse).collect())
     }
 
-    /// The weight of a media type: that of the most specific range it is in, 0 in none.
+    /// The weight of a media type: that of the most specific range that includes it; 0 if none
+    /// does.
     fn weight(&self, media_type: &str) -> u16 {
         if self.0.is_empty() {
             return FULL;
         }
         let ranges =
             self.0.iter().filter_map(|range| Some((range.specificity(media_type)?, range)));
-        // Of equally specific ones the kindest.
+        // Of equally specific ranges, the one with the largest weight.
         let most = ranges.max_by_key(|(specificity, range)| (*specificity, range.weight));
         most.map_or(0, |(_, range)| range.weight)
     }
 
-    /// What to answer with when the upload is of this format; `None` when the caller takes neither.
+    /// The form of the answer to an upload of this format; `None` if the caller accepts neither.
     pub(super) fn wanted(&self, format: Format) -> Option<Wanted> {
         match (self.weight(format.media_type()), self.weight(JSON)) {
             (0, 0) => None,
@@ -71,10 +72,10 @@ impl Accept {
         }
     }
 
-    /// The formats that can be answered.
+    /// The upload formats that the service can answer in a form that the caller accepts.
     ///
     /// # Errors
-    /// 406 when there are none: before the upload is read.
+    /// 406 if there is none, before the upload is read.
     pub(super) fn formats(&self) -> Result<Vec<Format>, ApiError> {
         let mut formats = Format::ALL.to_vec();
         formats.retain(|&format| self.wanted(format).is_some());
@@ -85,7 +86,7 @@ impl Accept {
     }
 }
 
-/// The refusal of an answer that the caller does not take.
+/// The error for an answer that the caller does not accept.
 pub(super) fn not_acceptable(answer: &str) -> ApiError {
     ApiError::new(
         Code::NotAcceptable,
@@ -123,7 +124,7 @@ impl Range {
         Some(Self { kind: kind.to_owned(), subtype: subtype.to_owned(), weight })
     }
 
-    /// How closely this range names a media type; `None` where it does not.
+    /// How specifically this range names a media type; `None` if it does not.
     fn specificity(&self, media_type: &str) -> Option<u8> {
         let (kind, subtype) = media_type.split_once('/')?;
         match (self.kind.as_str(), self.subtype.as_str()) {
@@ -135,7 +136,8 @@ impl Range {
     }
 }
 
-/// `0` to `1` with at most three decimals, in thousandths. (Also `.5`, which Java sends.)
+/// Reads `0` to `1` with at most three decimals, in thousandths. Also reads `.5`, which Java
+/// clients send.
 fn parse_weight(text: &str) -> Option<u16> {
     let (whole, decimals) = text.split_once('.').unwrap_or((text, ""));
     if decimals.len() > 3 || !decimals.bytes().all(|byte| byte.is_ascii_digit()) {
@@ -150,7 +152,7 @@ fn parse_weight(text: &str) -> Option<u16> {
     }
 }
 
-/// Splits at a separator that is not within quotes.
+/// Splits at a separator that is not in quotes.
 fn split(text: &str, separator: char) -> impl Iterator<Item = &str> {
     let (mut quoted, mut escaped) = (false, false);
     text.split(move |letter| {
@@ -186,7 +188,7 @@ mod tests {
             (&[], Some(File)),
             (&[""], Some(File)),
             (&["*/*"], Some(File)),
-            // axios, fetch in a browser, an old Java client.
+            // axios, fetch in a browser, and an old Java client.
             (&["application/json, text/plain, */*"], Some(File)),
             (
                 &["text/html,application/xhtml+xml,application/xml;q=0.9,image/avif,*/*;q=0.8"],
@@ -205,7 +207,7 @@ mod tests {
             (&["application/json;q=0.5, model/obj;q=0.499"], Some(Record)),
             (&["application/json;q=0.5", "model/obj;q=0.501"], Some(File)),
             (&["application/json", "model/obj"], Some(File)),
-            // The most specific range counts, wherever it stands.
+            // The most specific range counts, whatever its position.
             (&["*/*;q=1, model/*;q=0.1, model/obj;q=0.9, application/json;q=0.8"], Some(File)),
             (&["*/*, model/*;q=0.1"], Some(Record)),
             (&["*/*, model/obj;q=0, application/json;q=0"], None),
@@ -216,10 +218,10 @@ mod tests {
             (&["text/html"], None),
             (&["model/gltf-binary"], None),
             (&["model/gltf-binary, application/json;q=0.1"], Some(Record)),
-            // Separators within quotes are none.
+            // Separators in quotes do not separate.
             (&["text/x;a=\", application/json\\\", \""], None),
             (&["text/x;a=\"1;q=0\", model/obj"], Some(File)),
-            // What cannot be read is passed over.
+            // What cannot be read is skipped.
             (&["nonsense, application/json"], Some(Record)),
             (&["application/json;q=2, model/obj;q=0.1"], Some(File)),
             (&["application/json;q=0.1234, model/obj;q=0.1"], Some(File)),

@@ -1,4 +1,4 @@
-//! The stable codes of errors: what programs compare, with status and title.
+//! The stable error codes, which programs compare, each with its status and title.
 //!
 //! A code is never renamed and never changes its status within version 1.
 
@@ -11,7 +11,7 @@ macro_rules! codes {
         pub(super) enum Code { $($variant),* }
 
         impl Code {
-            /// All of them, for the documentation.
+            /// All codes, for the documentation.
             pub(super) const ALL: &'static [Self] = &[$(Self::$variant),*];
 
             /// Its name in answers.
@@ -24,7 +24,8 @@ macro_rules! codes {
                 match self { $(Self::$variant => $title),* }
             }
 
-            /// Whether answers with it may say when the same request may work (`Retry-After`).
+            /// Whether answers with this code may say when the same request may succeed
+            /// (`Retry-After`).
             pub(super) fn may_say_when(self) -> bool {
                 matches!(
                     self,

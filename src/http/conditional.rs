@@ -1,22 +1,22 @@
-//! Conditional requests as RFC 9110, section 13 has them, for a resource that has a strong entity
-//! tag and no modification date.
+//! Conditional requests as RFC 9110, section 13 defines them, for a resource that has a strong
+//! entity tag and no modification date.
 
 use axum::http::{HeaderMap, HeaderName, header};
 
-/// What the conditions of a request ask for.
+/// The outcome of a request's conditions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outcome {
-    /// Answer as if there were none.
+    /// Answer as if there were no conditions.
     Proceed,
-    /// 304: the client has this already.
+    /// 304: the client already has this representation.
     NotModified,
-    /// 412: the client wanted another one.
+    /// 412: the client asked for another representation.
     Failed,
 }
 
 /// Evaluates `If-Match` and `If-None-Match` of a GET or HEAD, in the order of section 13.2.2. `tag`
-/// is the entity tag, with its quotes. Dates are ignored, as 13.1.3 and 13.1.4 say for a resource
-/// that has none.
+/// is the entity tag, with its quotes. Dates are ignored, as sections 13.1.3 and 13.1.4 require for
+/// a resource without a date.
 pub(super) fn evaluate(headers: &HeaderMap, tag: &str) -> Outcome {
     if listed(headers, &header::IF_MATCH, tag, Comparison::Strong) == Some(false) {
         return Outcome::Failed;
@@ -27,8 +27,8 @@ pub(super) fn evaluate(headers: &HeaderMap, tag: &str) -> Outcome {
     Outcome::Proceed
 }
 
-/// Whether a `Range` counts: there is no `If-Range`, or it names this very entity. A date never
-/// does, for there is none to compare it with.
+/// Whether a `Range` applies: there is no `If-Range`, or it names this entity tag. A date never
+/// matches, because the resource has none.
 pub(super) fn range_applies(headers: &HeaderMap, tag: &str) -> bool {
     let mut named = headers.get_all(header::IF_RANGE).iter();
     named.all(|value| value.as_bytes().trim_ascii() == tag.as_bytes())
@@ -40,7 +40,7 @@ enum Comparison {
     Weak,
 }
 
-/// Whether the header names the tag, or is `*`; `None` where it is absent. What cannot be read as
+/// Whether the header names the tag, or is `*`; `None` if the header is absent. A value that is not
 /// a list of tags names nothing.
 fn listed(
     headers: &HeaderMap,
@@ -61,7 +61,7 @@ fn listed(
     Some(named)
 }
 
-/// The tags of a list: whether each is weak, and itself with its quotes. A tag may hold commas.
+/// The tags of a list, each with whether it is weak. A tag keeps its quotes and may contain commas.
 fn tags(mut rest: &[u8]) -> impl Iterator<Item = (bool, &[u8])> {
     std::iter::from_fn(move || {
         let start = rest.iter().position(|byte| !b", \t".contains(byte))?;
@@ -118,7 +118,7 @@ mod tests {
             (&[("if-match", "W/\"abc\"")], Failed),
             (&[("if-match", "\"x\"")], Failed),
             (&[("if-match", "abc")], Failed),
-            // If-Match first.
+            // If-Match comes first.
             (&[("if-match", "\"x\""), ("if-none-match", "\"abc\"")], Failed),
             (&[("if-match", "\"abc\""), ("if-none-match", "\"abc\"")], NotModified),
             // There is no date to compare with.

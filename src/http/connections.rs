@@ -1,8 +1,8 @@
 //! Connections: how many there may be, and how long one may stand still.
 //!
-//! Beyond the cap a few more are served for one request each, so that `/livez` and `/readyz` are
-//! answered on a full service; all else is told to come back. Beyond these, new ones are closed at
-//! once.
+//! Beyond the cap, a few more connections are served for one request each, so that a full service
+//! still answers `/livez` and `/readyz`. Other requests on them are told to try again later. Beyond
+//! these, new connections are closed at once.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,19 +22,19 @@ use tracing::debug;
 
 use super::stall::Writes;
 
-/// Connections beyond the cap that are served for one request.
+/// Number of connections beyond the cap that are served for one request each.
 pub(super) const SPARE: usize = 64;
-/// A connection beyond the cap must say what it wants within this time.
+/// Longest wait for the request on a connection beyond the cap.
 const SPARE_TIMEOUT: Duration = Duration::from_secs(5);
-/// Bytes of one request's header, and of its lines before the body: far more than any client
-/// sends, far less than what would hurt.
+/// Most bytes of the header of a request, with all lines before the body: far more than any client
+/// sends, far fewer than would do harm.
 const MOST_HEADER_BYTES: usize = 32 << 10;
-/// Lines of one request's header.
+/// Most header lines of a request.
 const MOST_HEADERS: usize = 100;
-/// Bytes that are read ahead of a body or wait to be written, per connection.
+/// Most bytes per connection that are read ahead of a body or wait to be written.
 const BUFFER: usize = 64 << 10;
 
-/// Set on requests that came on a connection beyond the cap.
+/// Marks requests that came on a connection beyond the cap.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Crowded;
 
@@ -50,7 +50,8 @@ pub(super) struct Connections {
 }
 
 impl Connections {
-    /// At most `most` connections to `router`, each of which may stand still for `idle`.
+    /// Accepts at most `most` connections to `router`, each of which may stand still for at most
+    /// `idle`.
     pub(super) fn new(
         router: Router,
         most: usize,
@@ -77,7 +78,7 @@ impl Connections {
                 Err(_) => return,
             },
         };
-        // Whole answers are written at once; waiting for more to send gains nothing.
+        // Whole answers are written at once; waiting for more data gains nothing.
         let _ = stream.set_nodelay(true);
         let service = self.router.clone().map_request(move |mut request: Request<Incoming>| {
             if crowded {
@@ -89,7 +90,7 @@ impl Connections {
         let mut builder = Builder::new();
         builder
             .timer(TokioTimer::new())
-            // Runs while a header is read, and while a connection waits for its next request.
+            // Limits the read of a header, and the wait of a connection for its next request.
             .header_read_timeout(header_timeout)
             .max_header_size(MOST_HEADER_BYTES)
             .max_headers(MOST_HEADERS)
@@ -118,13 +119,13 @@ impl Connections {
         });
     }
 
-    /// Waits until all connections have ended; they do when the server goes down.
+    /// Waits until all connections have ended, as they do when the server shuts down.
     pub(super) async fn ended(&self) {
         self.tasks.close();
         self.tasks.wait().await;
     }
 
-    /// Ends what is left.
+    /// Ends the remaining connections.
     pub(super) fn cut(&self) {
         self.cut.cancel();
     }

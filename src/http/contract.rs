@@ -1,9 +1,9 @@
-//! What the `OpenAPI` document says beyond the wire types: for every operation the errors by status
-//! with their codes, the raw-body form of uploads with its query, the headers of answers, and the
-//! links from what was made to where it can be had again.
+//! The parts of the `OpenAPI` document beyond the wire types: the errors of every operation by
+//! status, with their codes; the raw-body form of uploads with its query; the headers of answers;
+//! and the links from what was made to where it can be fetched again.
 //!
-//! The tables here are held by tests: every code belongs somewhere, and the API tests check that what
-//! they are answered is written down.
+//! Tests check these tables: every code must belong to an operation, and the API tests check that
+//! the answers that they receive are documented.
 
 use std::collections::BTreeMap;
 
@@ -29,10 +29,10 @@ use Code::{
     UnsupportedMediaType, UploadIncomplete, UploadTimeout, UploadsFull,
 };
 
-/// Of every operation, whatever it does.
+/// Codes of every operation.
 const ALWAYS: &[Code] = &[MalformedRequest, Internal];
 
-/// Of every upload.
+/// Codes of every upload.
 const UPLOAD: &[Code] = &[
     MalformedMultipart,
     UploadIncomplete,
@@ -60,7 +60,7 @@ const UPLOAD: &[Code] = &[
     ShuttingDown,
 ];
 
-/// Of every operation but those of probes, which answer whoever asks.
+/// Codes of every operation except the probes, which answer any client.
 const ASKED: &[Code] = &[HostNotAllowed, CrossOrigin, TooManyConnections];
 
 const EMBED: &[Code] = &[
@@ -77,7 +77,7 @@ const EMBED: &[Code] = &[
     FileLost,
 ];
 
-/// The codes that an operation answers with, by its id.
+/// The codes of an operation, by its id.
 fn codes(operation: &str) -> Vec<&'static [Code]> {
     match operation {
         "embed" => vec![ALWAYS, ASKED, UPLOAD, EMBED],
@@ -98,7 +98,7 @@ fn codes(operation: &str) -> Vec<&'static [Code]> {
     }
 }
 
-/// Where to go from an answer: the operation, and where in the answer its id is.
+/// The links of an answer: the operation that follows, and where in the answer its id is.
 fn links(operation: &str) -> &'static [(&'static str, &'static str)] {
     const MADE: &str = "$response.header.Quadmark-Watermark-Id";
     match operation {
@@ -110,7 +110,7 @@ fn links(operation: &str) -> &'static [(&'static str, &'static str)] {
     }
 }
 
-/// With which statuses an operation answers with a marked file, or a part of one.
+/// The statuses with which an operation answers with a marked file, or a part of one.
 fn marked_file(operation: &str) -> &'static [&'static str] {
     match operation {
         "embed" => &["201"],
@@ -119,7 +119,7 @@ fn marked_file(operation: &str) -> &'static [&'static str] {
     }
 }
 
-/// Headers of an answer, besides those of all answers.
+/// Headers of an answer, besides those that all answers have.
 fn headers(operation: &str, status: &str) -> &'static [(&'static str, &'static str)] {
     const FILE: (&str, &str) =
         ("Content-Disposition", "A file name for the marked file, where it is the answer");
@@ -161,7 +161,7 @@ fn headers(operation: &str, status: &str) -> &'static [(&'static str, &'static s
     }
 }
 
-/// Completes what the wire types say.
+/// Completes the document that was made from the wire types.
 pub(super) fn complete(document: &mut OpenApi) {
     let forms = forms(document);
     for item in document.paths.paths.values_mut() {
@@ -190,7 +190,7 @@ fn complete_operation(operation: &mut Operation, forms: &BTreeMap<String, Object
             answer.content.insert(format.media_type().to_owned(), file.into());
         }
     }
-    // A text that a client parses into something else than a text.
+    // YAML is a text that a client parses, so it gets no schema of a string.
     for (kind, content) in answers(responses) {
         if let ("application/yaml", RefOr::T(content)) = (kind.as_str(), content) {
             content.schema = None;
@@ -233,7 +233,7 @@ fn described(text: &str) -> RefOr<Header> {
     header.into()
 }
 
-/// One answer per status, with what its codes mean.
+/// One answer per status, with the meaning of its codes.
 fn errors(operation: &str) -> BTreeMap<String, RefOr<Response>> {
     let mut by_status: BTreeMap<u16, Vec<Code>> = BTreeMap::new();
     for &code in codes(operation).into_iter().flatten() {
@@ -258,8 +258,8 @@ fn errors(operation: &str) -> BTreeMap<String, RefOr<Response>> {
     by_status.into_iter().map(response).collect()
 }
 
-/// The forms of uploads, by the name of their schema, with `null` taken out: a field that is not
-/// wanted is left out.
+/// The forms of uploads, by the name of their schema, without `null`: a field that is not used is
+/// left out.
 fn forms(document: &mut OpenApi) -> BTreeMap<String, Object> {
     let mut forms = BTreeMap::new();
     let schemas = document.components.iter_mut().flat_map(|parts| parts.schemas.iter_mut());
@@ -272,7 +272,8 @@ fn forms(document: &mut OpenApi) -> BTreeMap<String, Object> {
     forms
 }
 
-/// An upload may also be the file alone, with the fields of the form in the query.
+/// Adds the alternative form of an upload: the file alone as body, and the other fields in the
+/// query.
 fn add_raw_body(operation: &mut Operation, forms: &BTreeMap<String, Object>) {
     let Some(RefOr::T(body)) = operation.request_body.as_mut() else { return };
     let form = body.content.values().find_map(|content| {
@@ -302,7 +303,7 @@ fn add_raw_body(operation: &mut Operation, forms: &BTreeMap<String, Object>) {
     }
 }
 
-/// Takes `null` out of what a schema allows.
+/// Removes `null` from what a schema allows.
 fn without_null(schema: &mut RefOr<Schema>) {
     match schema {
         RefOr::T(Schema::Object(object)) => {

@@ -1,6 +1,7 @@
-//! The page at `/docs`: operations and error codes, from the same sources as everything else.
+//! The page at `/docs`: operations and error codes, from the same sources as the `OpenAPI`
+//! document.
 //!
-//! Self-contained: no script, no font, nothing from elsewhere.
+//! It is self-contained: no script, no font, nothing from other hosts.
 
 use std::fmt::Write;
 
@@ -24,7 +25,7 @@ const EXAMPLES: &str = "<pre>curl -F file=@mesh.obj -F owner_id=acme -o marked.o
 http://127.0.0.1:8080/v1/watermarks\n\
 curl -F file=@marked.obj http://127.0.0.1:8080/v1/verifications</pre>";
 
-/// The page.
+/// The page as HTML.
 pub(super) fn docs_page() -> String {
     let document = document();
     let mut page = String::with_capacity(16 << 10);

@@ -65,7 +65,7 @@ pub(super) fn document() -> utoipa::openapi::OpenApi {
     document
 }
 
-/// The `OpenAPI` document as YAML: what `/openapi.yaml` answers and what is committed.
+/// The `OpenAPI` document as YAML: what `/openapi.yaml` answers, and what the repository holds.
 #[must_use]
 pub fn openapi_yaml() -> String {
     document()

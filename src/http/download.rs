@@ -10,22 +10,22 @@ use crate::registry::Record;
 
 pub(super) const EXISTING: HeaderName = HeaderName::from_static("quadmark-existing-marks");
 
-/// Characters of the stem of a file name at most.
+/// Most characters of the stem of a file name.
 const LONGEST_STEM: usize = 100;
 
 pub(super) fn etag(record: &Record) -> String {
     format!("\"{}\"", hex::encode(record.marked_sha256))
 }
 
-/// Ids of the marks that the host already carried; none where there are none.
+/// Ids of the marks that the host already carried; `None` if there are none.
 fn existing_marks(record: &Record) -> Option<String> {
     let marks = record.existing_marks.as_deref().filter(|marks| !marks.is_empty())?;
     let ids: Vec<String> = marks.iter().map(|mark| mark.watermark_id.to_string()).collect();
     Some(ids.join(","))
 }
 
-/// An answer of `bytes` bytes. The length is said beforehand, so that a body that ends early breaks
-/// the connection and is never taken for the whole.
+/// An answer of `bytes` bytes. The length is sent first, so that a body that ends early breaks the
+/// connection and is not taken for the whole file.
 pub(super) fn answer_file(record: &Record, body: Body, bytes: u64) -> Response {
     let mut response = Response::new(body);
     let headers = response.headers_mut();
@@ -49,10 +49,9 @@ pub(super) fn answer_file(record: &Record, body: Body, bytes: u64) -> Response {
 
 /// `attachment` with the upload's name, `-marked` and the format's extension.
 ///
-/// The name comes from a stranger: quotes and line breaks would write headers of their own, path
-/// separators would choose a directory on the machine that saves the file. What remains in the
-/// plain form is letters, digits and `._-`; `filename*` (RFC 8187) has all other characters,
-/// percent-encoded.
+/// The name comes from a stranger. Quotes and line breaks could add headers, and path separators
+/// could choose a directory on the machine that saves the file. So the plain form holds letters,
+/// digits and `._-` only; `filename*` (RFC 8187) holds all other characters, percent-encoded.
 fn disposition(name: Option<&str>, extension: &str) -> String {
     let base = name.and_then(|name| name.rsplit(['/', '\\']).next()).unwrap_or_default();
     let stem = base.rsplit_once('.').map_or(base, |(stem, _)| stem);

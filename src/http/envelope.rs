@@ -1,6 +1,6 @@
-//! What surrounds every request: its id, its log line, its count, and the body of its errors.
+//! The frame of every request: its id, its log line, its count, and the body of its errors.
 //!
-//! Every answer with an error status leaves here as problem+json, whoever made it: a handler, an
+//! Every answer with an error status leaves as problem+json, whatever made it: a handler, an
 //! extractor of the framework, the router's 404 and 405, or a panic.
 
 use std::time::{Duration, Instant};
@@ -22,9 +22,9 @@ use super::intake::Lingering;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
-/// Characters of an incoming request id at most; more would let callers flood the log.
+/// Most characters of an incoming request id; longer ones would let callers flood the log.
 const LONGEST_ID: usize = 128;
-/// When a connection may be free again.
+/// Time after which a connection may be free again.
 const COME_BACK: Duration = Duration::from_secs(5);
 
 pub(super) async fn envelope(State(app): State<App>, request: Request, next: Next) -> Response {
@@ -65,8 +65,8 @@ pub(super) async fn envelope(State(app): State<App>, request: Request, next: Nex
     response
 }
 
-/// Whether a request is looked at, whatever it asks for. Probes always are: they come by address,
-/// and they are what a full service must answer.
+/// Refuses requests that may not be served, whatever they ask for. Probes always pass: they address
+/// the service by its address, and a full service must answer them.
 fn admitted(app: &App, request: &Request) -> Result<(), ApiError> {
     if matches!(request.uri().path(), "/livez" | "/readyz") {
         return Ok(());
@@ -91,7 +91,7 @@ fn lingering(request: Request) -> Request {
     Request::from_parts(parts, body)
 }
 
-/// The caller's own id where it is sane, else a new one.
+/// The id that the caller gave if it is well-formed, otherwise a new one.
 fn request_id(headers: &HeaderMap) -> String {
     let sane = |id: &&str| {
         (1..=LONGEST_ID).contains(&id.len())

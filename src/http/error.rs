@@ -1,7 +1,7 @@
 //! Errors as answers: `application/problem+json` (RFC 9457).
 //!
-//! An [`ApiError`] becomes a response without a body and with a [`Problem`] beside it; the body is
-//! written in `envelope`, the one place that knows the request id and that sees the errors of the
+//! An [`ApiError`] becomes a response without a body and with a [`Problem`] attached. The body is
+//! written in `envelope`, the only code that knows the request id and sees the errors of the
 //! framework too.
 
 use std::time::Duration;
@@ -21,36 +21,36 @@ use crate::jobs::JobError;
 use crate::service::ServiceError;
 use crate::watermark::WatermarkError;
 
-/// What an error answer holds.
+/// The content of an error answer.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Problem)]
 pub(super) struct ProblemBody<'a> {
-    /// Where the code is explained.
+    /// Reference to the explanation of the code.
     #[serde(rename = "type")]
     #[schema(example = "/docs#missing_parameter")]
     pub(super) kind: String,
-    /// The same for every occurrence of the code.
+    /// The title of the code, the same for every occurrence.
     pub(super) title: &'a str,
     /// The HTTP status.
     #[schema(minimum = 400, maximum = 599, example = 400)]
     pub(super) status: u16,
-    /// Stable, for programs.
+    /// The error code, stable, for programs.
     #[schema(value_type = CodeName)]
     pub(super) code: &'a str,
-    /// What happened and what to do.
+    /// What happened, and what to do.
     pub(super) detail: &'a str,
-    /// Names the request in the service's log.
+    /// Id of the request in the service's log.
     pub(super) request_id: &'a str,
 }
 
-/// A refusal.
+/// An error on its way to the client.
 #[derive(Debug, Clone)]
 pub(super) struct ApiError {
     problem: Problem,
     retry_after: Option<Duration>,
 }
 
-/// What the envelope writes out.
+/// The part of an error that the envelope writes out.
 #[derive(Debug, Clone)]
 pub(super) struct Problem {
     pub(super) code: Code,
@@ -68,13 +68,13 @@ impl ApiError {
         self.problem.code
     }
 
-    /// The same request may work after this time.
+    /// Sets the time after which the same request may succeed.
     pub(super) fn retry_after(mut self, wait: Duration) -> Self {
         self.retry_after = Some(wait);
         self
     }
 
-    /// A bug or a broken machine: the text goes to the log, not to the caller.
+    /// A bug or a fault of the machine. The text goes to the log, not to the caller.
     pub(super) fn internal(text: &str) -> Self {
         error!(error = text, "internal error");
         Self::new(
@@ -98,7 +98,7 @@ impl IntoResponse for ApiError {
 }
 
 impl Problem {
-    /// What to say of an error that the framework made, from its status alone.
+    /// The problem of an error that the framework made, from its status alone.
     pub(super) fn of_status(status: StatusCode, method: &str, path: &str) -> Self {
         let (code, detail) = match status {
             StatusCode::NOT_FOUND => (
@@ -151,7 +151,7 @@ impl From<ServiceError> for ApiError {
             ServiceError::StorageFull(_) => Code::InsufficientStorage,
             ServiceError::Job(JobError::Busy { .. }) => Code::Busy,
             ServiceError::Job(JobError::DeadlinePassed) => Code::DeadlineExceeded,
-            // Nobody reads the answer to one who hung up.
+            // A client that hung up reads no answer.
             ServiceError::Job(JobError::ShuttingDown | JobError::HungUp) => Code::ShuttingDown,
             ServiceError::Job(JobError::TooMuchMemory { .. }) => Code::TooLarge,
             ServiceError::Check(_) => Code::CheckFailed,
@@ -163,7 +163,7 @@ impl From<ServiceError> for ApiError {
             error!(%error, code = code.name(), "request failed");
         }
         let detail = match &error {
-            // Which bytes differ is of use to us alone.
+            // The details of the difference are of use to developers only.
             ServiceError::Check(_) => "the marked file did not read back as it should and was \
                                        thrown away; nothing was registered; please report the file"
                 .to_owned(),

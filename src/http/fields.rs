@@ -1,4 +1,4 @@
-//! The text fields of a request: each known, each once, each parsed into its type.
+//! The text fields of a request. Each must be known, given once, and valid for its type.
 
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ impl Fields {
         Ok(fields)
     }
 
-    /// Adds a field; refuses one that is unknown or there already.
+    /// Adds a field; refuses an unknown field and a second value.
     pub(super) fn add(&mut self, name: String, value: String) -> Result<(), ApiError> {
         if !self.known.contains(&name.as_str()) {
             let name: String = name.chars().take(40).collect();
@@ -42,7 +42,7 @@ impl Fields {
         Ok(())
     }
 
-    /// The field, parsed; `None` when it is not there.
+    /// The field, parsed; `None` if it is not given.
     pub(super) fn parsed<T, E: std::fmt::Display>(
         &self,
         name: &'static str,
@@ -58,7 +58,7 @@ impl Fields {
         text.map_err(ApiError::from)
     }
 
-    /// A short text that must be there.
+    /// A short text that must be given.
     pub(super) fn required_text(&self, name: &'static str) -> Result<Text, ApiError> {
         self.text(name)?.ok_or_else(|| {
             let text = format!(
@@ -69,7 +69,8 @@ impl Fields {
         })
     }
 
-    /// `true` or `false`, in any case: clients generated for Python send `True`.
+    /// A field that is `true`, `1`, `false` or `0`, in any case: clients generated for Python send
+    /// `True`.
     pub(super) fn flag(&self, name: &'static str, default: bool) -> Result<bool, ApiError> {
         let flag = self.parsed(name, |text| match text.to_ascii_lowercase().as_str() {
             "true" | "1" => Ok(true),

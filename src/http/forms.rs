@@ -1,4 +1,4 @@
-//! The forms of uploads, for the document: they are read field by field.
+//! The forms of uploads, for the `OpenAPI` document only: requests are read field by field.
 
 use utoipa::ToSchema;
 use uuid::Uuid;
@@ -7,8 +7,8 @@ use uuid::Uuid;
 use super::schemas::{LayersName, MethodName, OnExistingName};
 use crate::service::{Depth, OnExisting};
 
-/// The form of `POST /v1/watermarks`. Fields in any order; or the file as body and the rest in
-/// the query.
+/// The form of `POST /v1/watermarks`, with its fields in any order. Alternatively the body is the
+/// file, and the other fields are in the query.
 #[derive(Debug, ToSchema)]
 #[schema(as = EmbedForm)]
 #[allow(dead_code)] // describes the form; it is read field by field
@@ -19,41 +19,44 @@ pub(super) struct EmbedForm {
     /// Whose mark it is: 1 to 256 characters.
     #[schema(min_length = 1, max_length = 256, example = "acme")]
     owner_id: String,
-    /// To whom this copy goes: 1 to 256 characters.
+    /// The recipient of this copy: 1 to 256 characters.
     #[schema(min_length = 1, max_length = 256, example = "studio-7")]
     recipient: Option<String>,
     /// Free text: 1 to 256 characters.
     #[schema(min_length = 1, max_length = 256)]
     label: Option<String>,
-    /// How to embed it; `exact-mean` by default. See the service's documentation for what each is good
-    /// at.
+    /// The embedding method; the default is `exact-mean`. The service's documentation says what
+    /// each method is good at.
     #[schema(value_type = Option<MethodName>)]
     method: Option<String>,
-    /// Which layers it has. By default `both` where the host is kept, `blind` otherwise. With `both`, a
-    /// mesh that cannot carry the blind layer gets the relief alone; the record says so.
+    /// The layers of the mark. The default is `both` if the host is kept, otherwise `blind`. With
+    /// `both`, a mesh that cannot carry the blind layer gets the relief alone, and the record says
+    /// so.
     #[schema(value_type = Option<LayersName>)]
     layers: Option<String>,
-    /// Of the blind layer: 0.01 to 0.25. By default 0.15 where it is the only layer; beside a relief at
-    /// most 0.1, and so much that both together distort by at most 0.01 % of the diagonal.
+    /// Strength of the blind layer: 0.01 to 0.25. The default is 0.15 if it is the only layer.
+    /// Beside a relief it is at most 0.1, and so low that both layers together distort by at most
+    /// 0.01 % of the diagonal.
     #[schema(minimum = 0.01, maximum = 0.25)]
     strength: Option<f64>,
     /// The most that the mark may distort the mesh: its `mrms`, a share of the diagonal, 0.000001
-    /// to 0.1. The strongest mark within it is made, up to `strength` where that is given.
+    /// to 0.1. The strongest mark within this limit is made, with at most `strength` if that is
+    /// given.
     #[schema(minimum = 0.000_001, maximum = 0.1, example = 0.0001)]
     max_distortion: Option<f64>,
-    /// 16 to 256; 64 by default.
+    /// Number of bits: 16 to 256; the default is 64.
     #[schema(minimum = 16, maximum = 256)]
     bits: Option<u32>,
-    /// The message in hexadecimal digits, at most `bits` bits; random by default.
+    /// The message in hexadecimal digits, at most `bits` bits; the default is random.
     #[schema(pattern = "^([0-9A-Fa-f]{2})+$", max_length = 64, example = "0123456789abcdef")]
     payload: Option<String>,
-    /// Keep the marked file, to fetch it again.
+    /// Whether to keep the marked file, so that it can be fetched again.
     keep_file: Option<bool>,
-    /// Keep the host's geometry; detectors that compare with it need it.
+    /// Whether to keep the host's geometry, which detectors that compare with it need.
     keep_host: Option<bool>,
-    /// What to do when the file already carries a registered mark: `reject` (409), `warn` (by
-    /// default: the header Quadmark-Existing-Marks names the marks found) or `allow` (says nothing).
-    /// The record names them.
+    /// What to do if the file already carries a registered mark: `reject` (409), `warn` (the
+    /// default: the header Quadmark-Existing-Marks names the found marks) or `allow` (the answer
+    /// does not name them). The record names them in any case.
     #[schema(value_type = Option<OnExistingName>)]
     on_existing: Option<OnExisting>,
 }
@@ -72,7 +75,7 @@ pub(super) struct VerifyForm {
     /// Compare with this mark only.
     #[schema(value_type = Option<String>, format = "uuid")]
     watermark_id: Option<Uuid>,
-    /// How much is tried before the answer is `no_match`: `fast`, `standard` (by default) or
+    /// How much is tried before the answer is `no_match`: `fast`, `standard` (the default) or
     /// `exhaustive`.
     depth: Option<Depth>,
 }
@@ -85,13 +88,13 @@ pub(super) struct InspectForm {
     /// The file: OBJ, GLB or glTF.
     #[schema(value_type = String, format = Binary, content_media_type = "application/octet-stream")]
     file: Vec<u8>,
-    /// The method that would be used.
+    /// The method that a mark would use.
     #[schema(value_type = Option<MethodName>)]
     method: Option<String>,
-    /// The strength that would be used.
+    /// The strength that a mark would have.
     #[schema(minimum = 0.01, maximum = 0.25)]
     strength: Option<f64>,
-    /// How many bits it should carry.
+    /// The number of bits that a mark would carry.
     #[schema(minimum = 16, maximum = 256)]
     bits: Option<u32>,
 }

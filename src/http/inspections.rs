@@ -13,7 +13,7 @@ use crate::watermark::EmbedParams;
 
 const FIELDS: &[&str] = &["method", "strength", "bits"];
 
-/// Look at a file without marking it. Registers nothing.
+/// Inspect a file without marking it. Registers nothing.
 #[utoipa::path(
     post, path = "/v1/inspections", tag = "inspections", operation_id = "inspect",
     request_body(content = InspectForm, content_type = "multipart/form-data"),

@@ -1,5 +1,6 @@
-//! Request bodies on their way in: a limit that holds for every kind of length, a limit on what
-//! the form parser may gather, and manners towards clients that are refused while they send.
+//! Request bodies on their way in: a limit that holds whether or not a length is declared, a limit
+//! on what the form parser may gather, and answers that reach a client that is refused while it
+//! sends.
 
 use std::io;
 use std::pin::Pin;
@@ -14,17 +15,17 @@ use futures::{Stream, StreamExt};
 
 use super::stall::Stall;
 
-/// The form parser may hold this much that it has not handed on. A part's headers and the buffer
-/// of one chunk are far smaller; an endless header line is not.
+/// Most bytes that the form parser may hold without passing them on. The headers of a part and the
+/// buffer of one chunk are far smaller; an endless header line is not.
 const MOST_BACKLOG: u64 = 1 << 20;
-/// Times the parser may ask for more with a full backlog before it is stuck: once per part and
-/// per chunk is normal.
+/// Most times that the parser may ask for more with a full backlog before it counts as stuck. Once
+/// per part and per chunk is normal.
 const MOST_FRUITLESS: u32 = 200;
-/// What is read and thrown away after an early refusal, at most.
+/// Most bytes that are read and discarded after an early refusal.
 const LINGER_BYTES: u64 = 2 << 30;
 const LINGER_TIME: Duration = Duration::from_secs(30);
 
-/// What went wrong while a body came in, seen from outside the parser that hides it.
+/// The state of a body while it is read, visible outside the parser that hides it.
 #[derive(Debug, Default)]
 pub(super) struct Meter {
     pulled: AtomicU64,
@@ -35,22 +36,22 @@ pub(super) struct Meter {
 }
 
 impl Meter {
-    /// The consumer has taken these bytes.
+    /// Notes that the consumer has taken these bytes.
     pub(super) fn deliver(&self, bytes: usize) {
         self.delivered.fetch_add(bytes as u64, Ordering::Relaxed);
     }
 
-    /// The body was longer than the limit.
+    /// Whether the body was longer than the limit.
     pub(super) fn over_limit(&self) -> bool {
         self.over_limit.load(Ordering::Relaxed)
     }
 
-    /// The bytes stopped coming.
+    /// Whether the bytes stopped coming.
     pub(super) fn stalled(&self) -> bool {
         self.stalled.load(Ordering::Relaxed)
     }
 
-    /// The connection broke before the body ended.
+    /// Whether the connection broke before the body ended.
     pub(super) fn broken(&self) -> bool {
         self.broken.load(Ordering::Relaxed)
     }
@@ -67,7 +68,7 @@ pub(super) struct Intake {
 }
 
 impl Intake {
-    /// A body of at most `limit` bytes that may stand still for `idle`.
+    /// A body of at most `limit` bytes that may stand still for at most `idle`.
     pub(super) fn new(body: Body, limit: u64, idle: Duration) -> (Self, Arc<Meter>) {
         let meter = Arc::new(Meter::default());
         let inner = body.into_data_stream();
@@ -76,8 +77,8 @@ impl Intake {
         (Self { inner, limit, meter, fruitless: 0, delivered_before: 0, stall }, shared)
     }
 
-    /// Holds the parser back while it has much in hand; the parser reads as long as there is
-    /// something to read, and would hold the whole body in memory.
+    /// Holds the parser back while it holds many bytes. The parser reads as long as there is
+    /// something to read, and would otherwise hold the whole body in memory.
     fn throttle(&mut self, context: &Context<'_>) -> Option<Poll<Option<io::Result<Bytes>>>> {
         let delivered = self.meter.delivered.load(Ordering::Relaxed);
         let pulled = self.meter.pulled.load(Ordering::Relaxed);
@@ -131,11 +132,11 @@ impl Stream for Intake {
     }
 }
 
-/// A body that, when it is dropped before its end, is read on and thrown away for a while.
+/// A body whose rest, when it is dropped before its end, is read and discarded for a while.
 ///
-/// A server that answers early and closes makes the client's system discard the answer: the
-/// client, still sending, sees a reset connection instead of the 413. A client that waits for
-/// `100 Continue` has not begun to send, and is not asked to.
+/// If a server answers early and closes the connection, the client's system discards the answer:
+/// the client, which is still sending, sees a reset connection instead of the 413. A client that
+/// waits for `100 Continue` has not begun to send, and is not asked to.
 pub(super) struct Lingering {
     inner: Option<BodyDataStream>,
     begun: bool,
@@ -192,7 +193,7 @@ mod tests {
         Body::from_stream(stream::repeat_with(|| Ok::<_, io::Error>(Bytes::from(vec![0; CHUNK]))))
     }
 
-    /// Takes and takes, and hands nothing on.
+    /// Takes bytes and never passes any on.
     async fn gather(intake: &mut Intake) -> (u64, bool) {
         let mut bytes = 0;
         while let Some(chunk) = intake.next().await {
@@ -208,7 +209,7 @@ mod tests {
     #[tokio::test]
     async fn a_parser_that_hands_nothing_on_is_stopped() {
         let (mut intake, meter) = Intake::new(endless(), u64::MAX, LINGER_TIME);
-        // Pending without a waker would hang here; the throttle wakes by itself.
+        // Without its own wake-up, the throttle would hang here.
         let (bytes, failed) =
             tokio::time::timeout(Duration::from_secs(20), gather(&mut intake)).await.unwrap();
         assert!(failed && bytes <= MOST_BACKLOG + CHUNK as u64, "{bytes}");

@@ -1,6 +1,6 @@
 //! Counters of requests, and the page that Prometheus reads.
 //!
-//! Labels are routes, never paths: a caller must not be able to make new time series.
+//! Labels are routes, never paths: a caller must not be able to create time series.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -30,7 +30,7 @@ impl Default for Metrics {
 
 impl Metrics {
     pub(super) fn count(&self, route: &str, method: &str, status: u16, time: Duration) {
-        // Methods are free text in HTTP.
+        // A method is free text in HTTP, so an unknown one is counted as `other`.
         let method = ["GET", "POST", "DELETE", "HEAD", "PUT", "PATCH", "OPTIONS"]
             .into_iter()
             .find(|known| *known == method)

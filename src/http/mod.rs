@@ -1,8 +1,8 @@
 //! The service over HTTP: router, wire types, uploads, errors.
 //!
-//! axum and tower appear only here. Handlers read a request, call one use case and write the
-//! answer; they decide nothing. Must not know about the registry's storage, formats or watermarks
-//! beyond their names and parameters.
+//! axum and tower appear only here. A handler reads a request, calls one use case and writes the
+//! answer; it decides nothing. Must not know how the registry stores records, nor anything of
+//! formats and watermarks beyond their names and parameters.
 
 mod accept;
 mod code;
@@ -45,7 +45,7 @@ use crate::service::Service;
 pub use document::openapi_yaml;
 pub use server::{ServeError, serve, serve_on};
 
-/// What every handler gets.
+/// The state that every handler receives.
 #[derive(Clone)]
 pub(crate) struct App {
     service: Arc<Service>,
@@ -70,7 +70,8 @@ pub fn router(service: Arc<Service>, address: SocketAddr) -> Router {
         .route("/metrics", get(operations::metrics))
         .route("/openapi.yaml", get(operations::openapi))
         .route("/docs", get(operations::docs))
-        // Bodies are limited in `intake`, which counts every byte of every kind of body.
+        // Bodies are limited in `intake`, which counts every byte of a body, whether it declares
+        // its length or not.
         .layer(DefaultBodyLimit::disable())
         .layer(CatchPanicLayer::custom(panicked))
         .layer(from_fn_with_state(app.clone(), envelope::envelope))

@@ -23,7 +23,7 @@ pub(super) async fn livez() -> Json<HealthBody> {
     Json(OK)
 }
 
-/// Whether requests can be served: the registry answers, the service is not going down.
+/// Whether requests can be served: the registry answers, the disk has room, no shutdown is running.
 #[utoipa::path(
     get, path = "/readyz", tag = "operations", operation_id = "readyz",
     responses(
@@ -63,7 +63,7 @@ pub(super) async fn openapi() -> impl IntoResponse {
 )]
 pub(super) async fn docs() -> Response {
     let mut response = Html(docs_page()).into_response();
-    // The page loads nothing, and says so.
+    // The page loads nothing, and this header enforces it.
     let policy = HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'");
     response.headers_mut().insert(HeaderName::from_static("content-security-policy"), policy);
     response

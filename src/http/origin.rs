@@ -1,14 +1,14 @@
-//! Who may use a service that nobody logs in to: programs, and its own pages.
+//! Which clients may use a service without a login: programs, and the service's own pages.
 //!
-//! A browser sends requests to loopback addresses for any page that is open in it. Three things
-//! tell such requests from those of a program (curl and HTTP libraries send none of the headers
-//! below) or of the service's own pages:
+//! A browser sends requests to loopback addresses on behalf of any page that is open in it. Three
+//! headers distinguish such requests from those of the service's own pages and of programs; curl
+//! and HTTP libraries send neither of the last two.
 //!
-//! - `Host` must be a name of this service. A page that made its own name resolve to this machine
-//!   (DNS rebinding) is same-origin for the browser and still sends its own name.
-//! - `Sec-Fetch-Site`, which no script can set, must not say that another site asked. A link to the
-//!   documentation is no harm.
-//! - `Origin`, for browsers that know nothing newer, must be this service.
+//! - `Host` must be a name of this service. A page that makes its own name resolve to this machine
+//!   (DNS rebinding) is same-origin for the browser, but the request still carries the page's name.
+//! - `Sec-Fetch-Site`, which no script can set, must not say that another site sent the request. A
+//!   link to the documentation is harmless and allowed.
+//! - `Origin`, for browsers that send no newer header, must be this service.
 
 use std::net::{IpAddr, SocketAddr};
 
@@ -18,23 +18,23 @@ use axum::http::{HeaderMap, Method, Version, header};
 use super::code::Code;
 use super::error::ApiError;
 
-/// What another site may link to.
+/// Paths that another site may link to.
 const DOCUMENTATION: [&str; 2] = ["/docs", "/openapi.yaml"];
 
-/// The names of a service.
+/// The names by which a service may be addressed.
 #[derive(Debug)]
 pub(super) struct Origins {
     /// The address it listens on.
     own: IpAddr,
-    /// Any name will do; origins are compared all the same.
+    /// Whether any name is allowed. Origins are checked all the same.
     any: bool,
     names: Vec<Authority>,
 }
 
-/// A host and perhaps a port.
+/// A host and an optional port.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Authority {
-    /// Lower case, without brackets and final dot.
+    /// In lower case, without brackets and final dot.
     host: String,
     port: Option<u16>,
 }
@@ -60,8 +60,8 @@ impl Authority {
 }
 
 impl Origins {
-    /// Of a service that listens on `address` and is also known under `names` (`name` or
-    /// `name:port`; `*` for any).
+    /// The names of a service that listens on `address` and is also known under `names` (`name` or
+    /// `name:port`; `*` for any name).
     pub(super) fn new(address: SocketAddr, names: &[String]) -> Self {
         Self {
             own: address.ip().to_canonical(),
@@ -70,7 +70,7 @@ impl Origins {
         }
     }
 
-    /// Refuses what a page from elsewhere sent.
+    /// Refuses requests that a page of another origin sent.
     pub(super) fn check(&self, request: &Request) -> Result<(), ApiError> {
         let headers = request.headers();
         let host = host_of(request)?;
@@ -103,8 +103,8 @@ impl Origins {
             return true;
         }
         if let Some(ip) = host.ip() {
-            // A rebound name is a name. Where other machines may come, they may come by any
-            // address that leads here.
+            // DNS rebinding uses a name, not an address. A service that listens for other machines
+            // may be addressed by any of its addresses.
             if ip.is_loopback() || ip == self.own || !self.own.is_loopback() {
                 return true;
             }
@@ -115,8 +115,8 @@ impl Origins {
         self.names.iter().any(same)
     }
 
-    /// Whether an origin is where the request went, or one of the names of the settings: behind a
-    /// proxy, the host may be another one than the browser asked for.
+    /// Whether an origin is the host of the request, or one of the names of the settings: behind a
+    /// proxy, the host may differ from the one that the browser asked for.
     fn is_own_origin(&self, origin: &str, host: Option<&Authority>) -> bool {
         let (default, authority) = match origin.split_once("://") {
             Some(("http", authority)) => (80, authority),
@@ -130,7 +130,7 @@ impl Origins {
     }
 }
 
-/// What the request calls the service; `None` for HTTP/1.0, which no browser speaks and where the
+/// The host that the request names; `None` for HTTP/1.0, which no browser speaks and where the
 /// header may be missing.
 fn host_of(request: &Request) -> Result<Option<Authority>, ApiError> {
     let malformed = || {
@@ -141,7 +141,7 @@ fn host_of(request: &Request) -> Result<Option<Authority>, ApiError> {
     if more.is_some() {
         return Err(malformed());
     }
-    // An absolute target (RFC 9112, section 3.2.2) counts instead of the header.
+    // An absolute target (RFC 9112, section 3.2.2) overrides the header.
     let named = match (request.uri().authority(), line) {
         (Some(authority), _) => Some(authority.as_str()),
         (None, Some(line)) => Some(line.to_str().map_err(|_| malformed())?),
@@ -154,7 +154,7 @@ fn host_of(request: &Request) -> Result<Option<Authority>, ApiError> {
     }
 }
 
-/// A link on another site, followed in a window of its own.
+/// Whether the request follows a link on another site, in a window of its own.
 fn is_link_to_documentation(request: &Request) -> bool {
     let says = |headers: &HeaderMap, name: &str, expected: &str| {
         headers.get(name).is_some_and(|value| value == expected)
@@ -271,7 +271,7 @@ mod tests {
             &[(SITE, "none")],
             &[(SITE, "same-origin"), ("origin", "http://127.0.0.1:8080")],
             &[("origin", "http://127.0.0.1:8080")],
-            // A proxy in between that speaks TLS and asks by address.
+            // A proxy that speaks TLS and addresses the service by its address.
             &[("origin", "https://marks.test"), (SITE, "same-origin")],
             &[("origin", "http://marks.test")],
         ];

@@ -1,16 +1,17 @@
-//! `Range: bytes=...` of one range (RFC 9110, section 14). Several ranges are ignored, as a server
-//! may: nobody asks for them of a mesh, and answers to many small ones cost more than the file.
+//! `Range: bytes=...` with one range (RFC 9110, section 14). Several ranges are ignored, as the RFC
+//! allows: no client needs them for a mesh, and answers to many small ranges cost more than the
+//! file.
 
 use std::ops::Range;
 
 use axum::http::{HeaderMap, header};
 
-/// What part of a resource a request wants.
+/// The part of a resource that a request asks for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Wanted {
-    /// All of it: there is no range, or none that is understood.
+    /// The whole resource: no range is given, or none that is understood.
     Whole,
-    /// These bytes; at least one, all of them there.
+    /// These bytes; at least one, and all of them exist.
     Part(Range<u64>),
     /// 416: bytes that do not exist.
     Unsatisfiable,
@@ -23,7 +24,7 @@ pub(super) fn wanted(headers: &HeaderMap, length: u64) -> Wanted {
     line.to_str().ok().and_then(|line| read(line, length)).unwrap_or(Wanted::Whole)
 }
 
-/// `None` for what is not one range of bytes.
+/// Reads one range of bytes; `None` for anything else.
 fn read(line: &str, length: u64) -> Option<Wanted> {
     let (unit, range) = line.split_once('=')?;
     if !unit.trim().eq_ignore_ascii_case("bytes") {
@@ -44,7 +45,7 @@ fn read(line: &str, length: u64) -> Option<Wanted> {
     Some(if range.is_empty() { Wanted::Unsatisfiable } else { Wanted::Part(range) })
 }
 
-/// Digits alone; a number beyond all files is as good as the largest.
+/// Digits only; a number too large for a file counts as the largest.
 fn number(digits: &str) -> Option<u64> {
     if digits.is_empty() || !digits.bytes().all(|byte| byte.is_ascii_digit()) {
         return None;

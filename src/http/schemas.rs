@@ -1,4 +1,4 @@
-//! Schemas that no wire type says by itself: bytes, hashes, and the names that a text may be.
+//! Schemas that no wire type defines itself: bytes, and the names that a text may be.
 
 use std::borrow::Cow;
 
@@ -13,14 +13,14 @@ use crate::relief::Layers;
 use crate::service::OnExisting;
 use crate::watermark::Method;
 
-/// A file's bytes. `format: binary` is what generators of clients take for bytes, also of 3.1
-/// documents; a bare `contentMediaType` becomes a text in most.
+/// The bytes of a file. Client generators take `format: binary` for bytes, also in 3.1 documents;
+/// most turn a bare `contentMediaType` into a text.
 pub(super) fn bytes() -> Schema {
     let format = SchemaFormat::KnownFormat(KnownFormat::Binary);
     ObjectBuilder::new().schema_type(Type::String).format(Some(format)).build().into()
 }
 
-/// A text that is one of these names.
+/// A text that must be one of these names.
 fn names(description: &str, names: impl Iterator<Item = &'static str>) -> RefOr<Schema> {
     let schema = ObjectBuilder::new()
         .schema_type(Type::String)

@@ -1,4 +1,4 @@
-//! Listening, serving, and going down in order.
+//! Listening, serving, and an orderly shutdown.
 
 use std::future::Future;
 use std::io;
@@ -15,14 +15,14 @@ use super::router;
 use crate::config::Config;
 use crate::service::{Service, StartError};
 
-/// For the answers of jobs that ended at the end of the grace.
+/// Time for the answers of jobs that ended at the end of the grace period.
 const LAST_WORDS: Duration = Duration::from_secs(2);
-/// How long no connection is accepted after one could not be.
+/// Pause after a connection could not be accepted.
 const ACCEPT_AGAIN: Duration = Duration::from_millis(100);
-/// Files that are open beside connections: the registry's, uploads, blobs that are read.
+/// Files that are open beside connections: those of the registry, uploads, and blobs that are read.
 const OTHER_FILES: usize = 512;
 
-/// Why the server did not start or did not go on.
+/// Why the server did not start or stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The service behind it did not start.
@@ -33,10 +33,10 @@ pub enum ServeError {
     Listen {
         /// The address.
         address: SocketAddr,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// The listener has no address.
+    /// The system does not report the listener's address.
     #[error("the server failed: {0}")]
     Serve(#[from] io::Error),
 }
@@ -59,7 +59,7 @@ pub async fn serve(config: Config) -> Result<(), ServeError> {
     serve_on(listener, service, signalled()).await
 }
 
-/// Serves on a listener until `shutdown` ends; then lets running requests end and closes the
+/// Serves on a listener until `shutdown` ends, then lets running requests end and closes the
 /// service.
 ///
 /// # Errors
@@ -89,7 +89,7 @@ pub async fn serve_on(
     info!(seconds = grace.as_secs(), "going down; running requests may end");
     let deadline = tokio::time::Instant::now() + grace;
     let drained = service.drain(grace).await;
-    // Answers are still being written, at least a moment after the last job.
+    // Answers may still be being written, at least shortly after the last job.
     let deadline = deadline.max(tokio::time::Instant::now() + LAST_WORDS);
     if tokio::time::timeout_at(deadline, connections.ended()).await.is_err() {
         connections.cut();
@@ -103,15 +103,15 @@ pub async fn serve_on(
     Ok(())
 }
 
-/// Accepts connections, for ever.
+/// Accepts connections until it is dropped.
 async fn accept(listener: &TcpListener, connections: &Connections) {
     loop {
         match listener.accept().await {
             Ok((stream, _)) => connections.take(stream),
-            // A client that was gone before it was accepted.
+            // The client was gone before its connection was accepted.
             Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
             Err(error) => {
-                // Mostly that no more files can be opened: better when a connection has ended.
+                // Mostly the limit of open files is reached; the end of a connection helps.
                 warn!(%error, "a connection cannot be accepted");
                 tokio::time::sleep(ACCEPT_AGAIN).await;
             }
@@ -119,8 +119,8 @@ async fn accept(listener: &TcpListener, connections: &Connections) {
     }
 }
 
-/// Lets the process open as many files as its connections want, where the system allows it: many
-/// systems begin with 1,024.
+/// Lets the process open as many files as its connections need, if the system allows it: many
+/// systems start with a limit of 1,024.
 #[cfg(unix)]
 fn raise_file_limit(connections: usize) {
     use rustix::process::{Resource, getrlimit, setrlimit};

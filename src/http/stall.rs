@@ -1,4 +1,4 @@
-//! What stands still is ended: an upload whose bytes stop coming, an answer that nobody reads.
+//! Ends what stands still: an upload whose bytes stop coming, an answer that nobody reads.
 
 use std::future::Future;
 use std::io;
@@ -9,15 +9,15 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep, sleep};
 
-/// Less than this in a whole time limit is standing still: a byte now and then would hold a
-/// connection for ever. (With the default limit, a modem of 1985 is three times faster.)
+/// Fewest bytes in one time limit that count as progress: otherwise a byte now and then would hold
+/// a connection for ever. With the default limit, a modem of 1985 is three times faster.
 const LEAST_PROGRESS: u64 = 4 << 10;
 
-/// Tells when too little has moved for too long.
+/// Detects that too little has moved for too long.
 pub(super) struct Stall {
     limit: Duration,
     timer: Pin<Box<Sleep>>,
-    /// Since when the timer runs, this much moved; `None` while it does not run.
+    /// Bytes that have moved since the timer was started; `None` while the timer is not running.
     moved: Option<u64>,
 }
 
@@ -26,7 +26,7 @@ impl Stall {
         Self { limit, timer: Box::pin(sleep(limit)), moved: None }
     }
 
-    /// Bytes moved.
+    /// Notes that bytes moved.
     pub(super) fn moved(&mut self, bytes: usize) {
         if let Some(moved) = &mut self.moved {
             *moved = moved.saturating_add(bytes as u64);
@@ -36,12 +36,13 @@ impl Stall {
         }
     }
 
-    /// There is nothing to move now.
+    /// Notes that there is nothing to move now.
     pub(super) fn rest(&mut self) {
         self.moved = None;
     }
 
-    /// Nothing moves now: whether that has lasted too long. If not, the task is woken when it has.
+    /// Notes that nothing moves now, and returns whether that has lasted too long. Otherwise the
+    /// task is woken once it has.
     pub(super) fn lasted(&mut self, context: &mut Context<'_>) -> bool {
         if self.moved.is_none() {
             self.timer.as_mut().reset(Instant::now() + self.limit);
@@ -51,8 +52,8 @@ impl Stall {
     }
 }
 
-/// A connection whose writes fail once the other side has not read for the time limit. (Reads are
-/// not limited here: while a request is worked on, its client rightly sends nothing.)
+/// A connection whose writes fail once the other side has not read for the time limit. Reads are
+/// not limited here: while a request is processed, its client rightly sends nothing.
 pub(super) struct Writes<S> {
     inner: S,
     stall: Stall,
@@ -103,7 +104,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Writes<S> {
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        // Asked only when all was written.
+        // Called only after everything was written.
         self.stall.rest();
         Pin::new(&mut self.inner).poll_flush(context)
     }

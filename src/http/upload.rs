@@ -1,8 +1,9 @@
-//! Uploads: a form with one `file`, its fields in any order, or the raw file with the fields in
-//! the query.
+//! Uploads: a form with one `file` and its fields in any order, or the raw file as body with the
+//! fields in the query.
 //!
-//! `curl -F file=@x -F owner_id=acme` sends the file first, so nothing is judged before the end.
-//! The file goes to a nameless temporary file chunk by chunk; it is never whole in memory here.
+//! `curl -F file=@x -F owner_id=acme` sends the file first, so nothing is decided before the end of
+//! the form. The file goes to a nameless temporary file chunk by chunk; it is never whole in memory
+//! here.
 
 use std::sync::Arc;
 
@@ -18,11 +19,11 @@ use super::fields::Fields;
 use super::intake::{Intake, Meter};
 use crate::service::{Admission, ServiceError, Spooled};
 
-/// Bytes of one text field at most; the longest legal value is 256 characters.
+/// Most bytes of one text field; the longest valid value has 256 characters.
 const LONGEST_FIELD: usize = 16 << 10;
-/// Parts of one form at most.
+/// Most parts of one form.
 const MOST_PARTS: usize = 32;
-/// Bytes of a file name that are kept.
+/// Most bytes of a file name that are kept.
 const LONGEST_NAME: usize = 255;
 
 /// Reads an upload whose fields are among `known`.
@@ -31,7 +32,7 @@ pub(super) async fn receive(
     request: Request,
     known: &'static [&'static str],
 ) -> Result<(Spooled, Fields), ApiError> {
-    // A busy service refuses before the bytes travel.
+    // A busy service refuses before the bytes are sent.
     app.service.pool().check().map_err(ServiceError::from)?;
     let limit = app.service.config().max_body_bytes;
     let declared = request.headers().get(header::CONTENT_LENGTH);
@@ -40,7 +41,7 @@ pub(super) async fn receive(
     if declared.is_some_and(|length: u64| length > limit) {
         return Err(too_large(limit));
     }
-    // So does one that has too many of them, or no room.
+    // So does a service with too many uploads, or without room for this one.
     let admission = app.service.admit_upload(declared)?;
     let time = app.service.config().upload_timeout;
     let received = receive_body(app, request, known, limit, admission);
@@ -113,7 +114,7 @@ impl ContentKind {
     }
 }
 
-/// A failure while the body was read, before it is known whose fault it is.
+/// A failure while the body was read, before its cause is known.
 enum Failure {
     Form(MultipartError),
     Body(std::io::Error),
@@ -249,7 +250,7 @@ async fn read_text(mut part: Field<'_>, name: &str, meter: &Meter) -> Result<Str
     })
 }
 
-/// The fields of an upload by name, for hints.
+/// The names of the fields of an upload, for error texts.
 pub(super) fn listed(known: &[&str]) -> String {
     known.join(", ")
 }

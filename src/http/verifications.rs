@@ -36,7 +36,7 @@ pub(super) async fn verify(
     Ok(Json(app.service.verify(request).await?))
 }
 
-/// A verdict again, as it was answered.
+/// Get a verdict again, as it was answered.
 #[utoipa::path(
     get, path = "/v1/verifications/{id}", tag = "verifications",
     operation_id = "get_verification",

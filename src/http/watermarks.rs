@@ -122,7 +122,7 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
     Ok(response)
 }
 
-/// A page of registered marks, in the order of their registration.
+/// List registered marks, a page at a time, in the order of their registration.
 #[utoipa::path(
     get, path = "/v1/watermarks", tag = "watermarks", operation_id = "list_watermarks",
     params(PageQuery),
@@ -152,7 +152,7 @@ pub(super) async fn page(
     Ok(Json(page.into()))
 }
 
-/// A registered mark.
+/// Get a registered mark.
 #[utoipa::path(
     get, path = "/v1/watermarks/{id}", tag = "watermarks", operation_id = "get_watermark",
     params(("id" = String, Path, format = "uuid", description = "Id of the record")),
@@ -167,7 +167,7 @@ pub(super) async fn record(
     Ok(Json(app.service.record(parse_id(&id)?).await?.into()))
 }
 
-/// Revoke a mark: the record is kept, the mark no longer searched for.
+/// Revoke a mark: the record is kept, and the mark is no longer searched for.
 #[utoipa::path(
     delete, path = "/v1/watermarks/{id}", tag = "watermarks", operation_id = "revoke_watermark",
     params(("id" = String, Path, format = "uuid", description = "Id of the record")),
@@ -182,7 +182,7 @@ pub(super) async fn revoke(
     Ok(Json(app.service.revoke(parse_id(&id)?).await?.into()))
 }
 
-/// The marked file again, whole or in part.
+/// Fetch the marked file again, whole or in part.
 #[utoipa::path(
     get, path = "/v1/watermarks/{id}/file", tag = "watermarks", operation_id = "get_marked_file",
     params(
@@ -208,7 +208,7 @@ pub(super) async fn file(
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
-    // Conditions count only where there would be an answer without them.
+    // Conditions count only if there would be an answer without them.
     let record = app.service.kept_file(parse_id(&id)?).await?;
     let (tag, bytes) = (etag(&record), record.marked_bytes);
     match evaluate(&headers, &tag) {
@@ -273,7 +273,7 @@ pub(super) fn parse_bits(text: &str) -> Result<BitCount, String> {
 
 fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, ApiError> {
     let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
-    // What a key may look like, the service says; here it only has to be text.
+    // The service decides which keys are valid; here the key only has to be a text.
     let text = value.to_str().map_err(|_| {
         ApiError::new(Code::InvalidParameter, "Idempotency-Key: must be visible ASCII characters")
     })?;

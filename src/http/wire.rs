@@ -1,5 +1,5 @@
-//! What goes over the wire: the shapes of requests and answers, apart from those of the registry,
-//! so that neither changes the other by accident.
+//! Wire types: the forms of requests and answers. They are separate from the types of the registry,
+//! so that a change of one does not change the other by accident.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -23,32 +23,32 @@ pub(super) struct WatermarkBody {
     /// Whose mark it is.
     #[schema(example = "acme")]
     owner_id: String,
-    /// To whom this copy went.
+    /// The recipient of this copy.
     #[schema(example = "studio-7")]
     recipient: Option<String>,
-    /// The owner's text.
+    /// The owner's free text.
     label: Option<String>,
     /// How it was embedded.
     #[schema(value_type = MethodName)]
     method: String,
     /// Version of the watermark scheme.
     scheme: u16,
-    /// How strongly; what was found, where `max_distortion` was given.
+    /// Strength of the blind layer; with `max_distortion`, the strength that was found.
     #[schema(minimum = 0.01, maximum = 0.25)]
     strength: f64,
-    /// How many bits.
+    /// Number of bits.
     #[schema(minimum = 16, maximum = 256)]
     bits: usize,
     /// The message in hexadecimal digits.
     #[schema(pattern = "^([0-9a-f]{2})+$")]
     message: String,
-    /// What the caller asked to embed, in hexadecimal digits.
+    /// The message that the caller gave, in hexadecimal digits.
     #[schema(pattern = "^([0-9a-f]{2})+$")]
     payload: Option<String>,
-    /// Id of the master key; tells nothing about the key.
+    /// Id of the master key; it reveals nothing about the key.
     #[schema(example = "7f2971a5")]
     key_id: String,
-    /// Of what format its file is.
+    /// Format of the marked file.
     #[schema(value_type = FormatName)]
     format: String,
     /// File name of the upload.
@@ -65,20 +65,20 @@ pub(super) struct WatermarkBody {
     vertices: u64,
     /// Triangles in the file.
     triangles: u64,
-    /// The layers that its file has: `relief` where the mesh could not carry the blind layer, or it was
-    /// asked for alone; such a mark is read against the kept host only.
+    /// The layers that its file has. It is `relief` if the mesh could not carry the blind layer, or
+    /// if the request asked for the relief alone; such a mark is read against the kept host only.
     #[schema(value_type = LayersName)]
     layers: &'static str,
-    /// How far the relief moves the surface: root mean square distance as a share of the bounding
-    /// box's diagonal; null without a relief.
+    /// How far the relief moves the surface: the root mean square distance, as a share of the
+    /// bounding box's diagonal; null without a relief.
     #[schema(minimum = 0)]
     amplitude: Option<f64>,
     /// Bins of the blind layer that carry a bit.
     usable_bins: u32,
-    /// What the mark did to the mesh; null in records of before it was measured.
+    /// The distortion of the mesh by the mark; null in records from before it was measured.
     quality: Option<QualityBody>,
-    /// Registered marks that the host already carried, best first; null in records of before hosts
-    /// were looked at.
+    /// Registered marks that the host already carried, best first; null in records from before
+    /// hosts were searched for marks.
     existing_marks: Option<Vec<ExistingMarkBody>>,
     /// Where the marked file can be fetched again; null when it was not kept.
     #[schema(format = "uri-reference")]
@@ -93,7 +93,7 @@ pub(super) struct WatermarkBody {
     revoked_at: Option<Timestamp>,
 }
 
-/// What a mark did to its mesh. Lengths are shares of the bounding box's diagonal.
+/// The distortion of a mesh by its mark. Lengths are shares of the bounding box's diagonal.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Quality)]
 pub(super) struct QualityBody {
@@ -103,21 +103,21 @@ pub(super) struct QualityBody {
     /// Largest distance between the surfaces.
     #[schema(minimum = 0)]
     hausdorff: f64,
-    /// Longest way that a vertex went, along the surface or off it.
+    /// Largest displacement of a vertex, along the surface or off it.
     #[schema(minimum = 0)]
     max_displacement: f64,
-    /// Mean angle that the triangles' normals turned by, weighted by area.
+    /// Mean angle between the triangles' normals before and after, weighted by area.
     #[schema(minimum = 0)]
     normal_deviation_degrees: f64,
     /// Triangles that turned by more than 90 degrees.
     flipped: u64,
-    /// The method that chose the positions: the one asked for, or the paper's (`qsp-`) where an
+    /// The method that chose the positions: the requested one, or the paper's (`qsp-`) if an
     /// `exact-` one did not settle.
     #[schema(value_type = MethodName)]
     method_used: String,
-    /// Coordinates of an OBJ that are written with more decimals than in the host, because the mark
-    /// needs them: the others have as many as there, or fewer. Null in records of before they were
-    /// counted.
+    /// Number of coordinates of an OBJ that are written with more decimals than in the host,
+    /// because the mark needs them. The others have as many as in the host, or fewer. Null in
+    /// records from before they were counted.
     more_decimals: Option<u64>,
 }
 
@@ -130,7 +130,7 @@ pub(super) struct ExistingMarkBody {
     watermark_id: Uuid,
     /// Whose mark it is.
     owner_id: String,
-    /// log10 of the bound on the probability that a file without it looks so much like it.
+    /// log10 of the bound on the probability that a file without this mark scores so high.
     #[schema(maximum = 0)]
     log10_fp: f64,
 }
@@ -199,11 +199,11 @@ impl From<Record> for WatermarkBody {
 pub(super) struct WatermarkPageBody {
     /// The marks.
     watermarks: Vec<WatermarkBody>,
-    /// Give it as `cursor` to get the next page; null on the last one.
+    /// Send it as `cursor` to get the next page; null on the last page.
     next_cursor: Option<String>,
-    /// With `order=oldest`: give it as `cursor`, now or later, to get what was registered after this
-    /// page. Whoever goes on from one to the next sees every mark once and misses none. Null while
-    /// there is nothing.
+    /// With `order=oldest`: send it as `cursor`, now or later, to get what was registered after
+    /// this page. A client that follows these cursors sees every mark once and misses none. Null
+    /// while there is no mark.
     resume_cursor: Option<String>,
 }
 
@@ -217,7 +217,7 @@ impl From<Page> for WatermarkPageBody {
     }
 }
 
-/// Which page of which marks.
+/// The page and the marks that are requested.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
@@ -228,13 +228,13 @@ pub(super) struct PageQuery {
     /// Only copies for this recipient.
     #[param(min_length = 1, max_length = 256)]
     pub(super) recipient: Option<String>,
-    /// `newest` (by default) or `oldest` first, by registration. Neither ids nor times promise that
-    /// order: an id is drawn when its request begins, a clock may jump.
+    /// `newest` (the default) or `oldest` first, by registration. Neither ids nor times give that
+    /// order reliably: an id is drawn when its request begins, and a clock may jump.
     #[param(value_type = Option<OrderName>)]
     pub(super) order: Option<String>,
-    /// `next_cursor` or `resume_cursor` of the page before.
+    /// `next_cursor` or `resume_cursor` of an earlier page.
     pub(super) cursor: Option<String>,
-    /// Marks on the page: 1 to 200, 50 by default.
+    /// Marks on the page: 1 to 200; the default is 50.
     #[param(minimum = 1, maximum = 200)]
     pub(super) limit: Option<u32>,
 }
@@ -248,7 +248,7 @@ pub(super) struct InspectionBody {
     sha256: String,
     /// Bytes of the file.
     bytes: u64,
-    /// Of what format it is.
+    /// Format of the file.
     #[schema(value_type = FormatName)]
     format: &'static str,
     /// Vertices of the file.
@@ -265,7 +265,7 @@ pub(super) struct InspectionBody {
     rho_min: f64,
     /// Largest vertex norm.
     rho_max: f64,
-    /// How many bits were asked about.
+    /// Number of bits that the request asks about.
     bits: usize,
     /// Bins with enough vertices in the poorest of all layout classes.
     usable_bins: usize,
@@ -275,29 +275,30 @@ pub(super) struct InspectionBody {
     median_count: usize,
     /// Vertices of the poorest bin of that class.
     least_count: usize,
-    /// Whether a mark of this size can be tried. Whether its bins can really be moved shows in
-    /// the embedding itself.
+    /// Whether a mark of this size can be tried. Only the embedding itself shows whether the bins
+    /// can really be moved.
     markable: bool,
     /// Expected signal of a median bin over its sampling noise, `strength sqrt(n) / sigma`, with
-    /// sigma of an even bin: what the mark has to spare against noise.
+    /// sigma of an even bin: the margin of the mark against noise.
     expected_margin: f64,
-    /// Decimal logarithm of the best false-positive bound that a mark can reach before
-    /// hypotheses are counted.
+    /// Decimal logarithm of the best false-positive bound that a mark can reach, before hypotheses
+    /// are counted.
     best_log10_fp: f64,
-    /// What a mark of this method, strength and size is expected to survive: the bound after each
-    /// of a series of attacks. Empty where no mark can be tried.
+    /// The damage that a mark of this method, strength and size is expected to survive: the bound
+    /// after each of a series of attacks. Empty if no mark can be tried.
     expected: Vec<ExpectedBody>,
 }
 
-/// What is expected of a mark after an attack, by a model fitted to measurements.
+/// The expected bound of a mark after an attack, by a model that was fitted to measurements.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Expected)]
 pub(super) struct ExpectedBody {
     /// The attack and its strength.
     attack: &'static str,
-    /// Decimal logarithm of the false-positive bound, read without the host, for one record.
+    /// Decimal logarithm of the false-positive bound, for a reading without the host and one
+    /// record.
     log10_fp: f64,
-    /// Root mean square error of that number on meshes that the model was not fitted to.
+    /// Root mean square error of this logarithm on meshes that the model was not fitted to.
     error: f64,
 }
 
@@ -337,8 +338,9 @@ pub(super) struct HealthBody {
     pub(super) status: &'static str,
     /// The service's version.
     pub(super) version: &'static str,
-    /// Marks that are not recognised because their master keys are missing, if there are any and the
-    /// service was told to start without them (`/readyz` only).
+    /// Number of marks that are not recognised because their master keys are missing. Only
+    /// `/readyz` gives it, and only if there are such marks and a setting allowed the start without
+    /// their keys.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false)]
     pub(super) unreadable_marks: Option<u64>,

@@ -1,18 +1,19 @@
 //! The worker pool: everything that computes runs here, off the event loop.
 //!
-//! A job is refused at once when too many wait ([`JobError::Busy`]), waits until a worker is free
-//! and the memory it is reckoned to need fits the budget, and then runs on a blocking thread with
-//! its permits inside: a client that hangs up, or a handler that is dropped, cannot make more jobs
-//! run than there are workers. (With the permits on the async side, 12 jobs ran at once where 2
-//! should.) A panic is contained to its job. Must not know what the jobs do.
+//! A job is refused at once when too many wait ([`JobError::Busy`]). Otherwise it waits until a
+//! worker is free and the memory that it is estimated to need fits the budget. It then runs on a
+//! blocking thread and holds its permits there: a client that hangs up, or a handler that is
+//! dropped, cannot make more jobs run than there are workers. With the permits on the async side,
+//! 12 jobs ran at once where 2 should. A panic ends its own job only. Must not know what the jobs
+//! do.
 //!
-//! A request with several jobs runs them in one [`Slot`]: it is refused before the first or not at
-//! all, has one deadline, and draining waits for all of it.
+//! A request with several jobs runs them in one [`Slot`]. It is refused before its first job or not
+//! at all, it has one deadline, and draining waits for all of it.
 //!
-//! Memory is reserved from the size of an upload before it is read, and anew from what was found in
-//! it ([`Allowance::need`]). No two jobs wait for each other: the reservation of a request is taken
-//! whole or not at all, and what a later job needs beyond it is of a share of its own, which is
-//! always asked for after the former.
+//! Memory is reserved from the size of an upload before the upload is read, and anew from what was
+//! found in it ([`Allowance::need`]). No two jobs wait for each other's memory. The reservation of
+//! a request is taken whole or not at all. What a later job needs beyond it comes from a separate
+//! share of the budget, which is always requested after the first reservation.
 
 mod slot;
 mod stop;
@@ -34,8 +35,8 @@ pub use stop::Stop;
 /// One permit of the memory budget stands for this many bytes.
 const MEMORY_UNIT: u64 = 1 << 20;
 
-/// One part in so many of the memory budget is for what later jobs of a request need beyond their
-/// first reservation: hosts that a suspect is compared with.
+/// Divisor of the memory budget: one part in so many is reserved for what later jobs of a request
+/// need beyond their first reservation, which is the hosts that a suspect is compared with.
 const LATER_SHARE: u64 = 8;
 
 /// Why a job did not run to its end.
@@ -50,7 +51,7 @@ pub enum JobError {
     /// The deadline passed before the job ended.
     #[error("the request took longer than it may")]
     DeadlinePassed,
-    /// The service is going down.
+    /// The service is shutting down.
     #[error("the service is shutting down")]
     ShuttingDown,
     /// Nobody waits for the answer.
@@ -63,16 +64,16 @@ pub enum JobError {
         bytes.div_ceil(MEMORY_UNIT)
     )]
     TooMuchMemory {
-        /// What it needs.
+        /// The bytes that it needs.
         bytes: u64,
     },
-    /// The job needs more memory than is free now, and is to be run again with as much.
+    /// The job needs more memory than is free now, and is to be run again with that much.
     #[error("the job needs {bytes} bytes of memory")]
     Again {
-        /// What it needs in all.
+        /// All bytes that it needs.
         bytes: u64,
     },
-    /// The job panicked: a bug, contained.
+    /// The job panicked. This is a bug, contained in the job.
     #[error("the job failed unexpectedly")]
     Panicked,
 }
@@ -109,18 +110,18 @@ impl Share {
     }
 }
 
-/// What a job needs before it runs.
+/// The memory that is reserved for a job before it runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Memory {
-    /// So many bytes, instead of what the request has reserved so far.
+    /// So many bytes, in place of what the request has reserved so far.
     Of(u64),
-    /// What the request has reserved, and so many bytes for this job alone.
+    /// What the request has reserved, and so many more bytes for this job alone.
     Beyond(u64),
 }
 
 impl Pool {
-    /// A pool of `workers` that lets `queue` more jobs wait and whose jobs together are reckoned
-    /// to need at most `memory_bytes`.
+    /// A pool of `workers` that lets `queue` more jobs wait, and whose running jobs are estimated
+    /// to need at most `memory_bytes` together.
     #[must_use]
     pub fn new(workers: usize, queue: usize, memory_bytes: u64) -> Self {
         let slots = workers.saturating_add(queue).min(Semaphore::MAX_PERMITS);
@@ -137,8 +138,8 @@ impl Pool {
         Self { shared: Arc::new(shared) }
     }
 
-    /// Whether a job that came now would be refused: asked before an upload is read, so that a
-    /// busy service refuses before the bytes travel.
+    /// Whether a job that came now would be accepted. It is called before an upload is read, so
+    /// that a busy service refuses before the bytes are sent.
     ///
     /// # Errors
     /// [`JobError::Busy`] or [`JobError::ShuttingDown`].
@@ -152,7 +153,8 @@ impl Pool {
         Ok(())
     }
 
-    /// Takes a place among the jobs that wait, or refuses at once. All jobs in it end by `deadline`.
+    /// Takes a slot among the waiting jobs, or refuses at once. All jobs in the slot end by
+    /// `deadline`.
     ///
     /// # Errors
     /// [`JobError::Busy`] or [`JobError::ShuttingDown`].
@@ -163,7 +165,7 @@ impl Pool {
         Ok(Slot::new(place, self.shared.jobs.token(), stop))
     }
 
-    /// Runs a job, as soon as a worker is free and its memory fits. A job that needs more than the
+    /// Runs a job as soon as a worker is free and its memory fits. A job that needs more than the
     /// whole budget runs alone.
     ///
     /// # Errors
@@ -185,7 +187,7 @@ impl Pool {
         };
         let wanted = units(bytes).min(share.units);
         let permits = async {
-            // Memory first: whoever waits for memory must not keep a worker idle.
+            // Memory comes first: a job that waits for memory must not keep a worker idle.
             let memory = share.free.clone().acquire_many_owned(wanted).await;
             let worker = shared.workers.clone().acquire_owned().await;
             (memory, worker)
@@ -219,20 +221,20 @@ impl Pool {
         }
     }
 
-    /// Jobs that run now.
+    /// Number of jobs that run now.
     #[must_use]
     pub fn running(&self) -> usize {
         self.shared.running.load(Ordering::Relaxed)
     }
 
-    /// More jobs that would be taken now.
+    /// Number of further jobs that would be accepted now.
     #[must_use]
     pub fn free_slots(&self) -> usize {
         self.shared.slots.available_permits()
     }
 
-    /// Takes no more requests, gives those that have a place `grace` to end, then tells their jobs to
-    /// stop. Returns whether all of them ended by themselves.
+    /// Accepts no more requests, gives requests that have a slot `grace` to end, then tells their
+    /// jobs to stop. Returns whether all of them ended by themselves.
     pub async fn drain(&self, grace: Duration) -> bool {
         self.shared.slots.close();
         self.shared.jobs.close();
@@ -245,7 +247,7 @@ impl Pool {
         if self.shared.slots.is_closed() {
             return JobError::ShuttingDown;
         }
-        // Jobs take seconds; a guess from their number would be no better than this.
+        // Jobs take seconds; an estimate from their number would be no better than this.
         JobError::Busy { retry_after: Duration::from_secs(5) }
     }
 }

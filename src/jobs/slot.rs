@@ -1,4 +1,4 @@
-//! A place among the jobs that wait or run, for all jobs of one request.
+//! A slot among the jobs that wait or run, for all jobs of one request.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -7,22 +7,22 @@ use tokio_util::task::task_tracker::TaskTrackerToken;
 
 use super::{JobError, Stop, units};
 
-/// A place among the jobs that wait or run. One request runs all of its jobs in it, one after the
-/// other, so that it is not refused half-way. Dropping it tells a job that still runs to stop: its
-/// client hung up. The place is free again when that job has ended, too.
+/// A slot among the jobs that wait or run. One request runs all of its jobs in it, one after the
+/// other, so that it is not refused half-way. Dropping the slot tells a job that still runs to
+/// stop, because its client hung up. The slot is free again once that job has ended too.
 #[derive(Debug)]
 pub struct Slot {
     pub(super) held: Arc<Held>,
     pub(super) stop: Stop,
 }
 
-/// What a slot and its running jobs hold together.
+/// What a slot and its running jobs share.
 #[derive(Debug)]
 pub(super) struct Held {
     _place: OwnedSemaphorePermit,
-    /// Draining waits for it.
+    /// Draining waits for this token.
     _counted: TaskTrackerToken,
-    /// For what the request keeps in memory from its first job to its last.
+    /// The memory that the request keeps from its first job to its last.
     memory: Mutex<Option<OwnedSemaphorePermit>>,
 }
 
@@ -32,7 +32,7 @@ impl Slot {
         Self { held: Arc::new(held), stop }
     }
 
-    /// When its jobs should give up.
+    /// Says when the jobs of the slot should give up.
     #[must_use]
     pub fn stop(&self) -> &Stop {
         &self.stop
@@ -61,19 +61,19 @@ pub struct Allowance {
 }
 
 impl Allowance {
-    /// When to give up.
+    /// Says when to give up.
     #[must_use]
     pub fn stop(&self) -> &Stop {
         &self.stop
     }
 
-    /// Reserves anew, now that the job knows what it needs in all: gives back what is too much, takes
-    /// more if that is free.
+    /// Reserves memory anew, once the job knows how much it needs in all: releases a surplus, or
+    /// takes more if that much is free.
     ///
     /// # Errors
-    /// [`JobError::Again`] when it is not: the job has to let go of what it made and is run again
-    /// once so much is free. (Whoever waited with something in hand could wait for somebody who
-    /// does the same.) [`JobError::TooMuchMemory`] when it is more than the whole budget.
+    /// [`JobError::Again`] when it is not free: the job must release what it made, and is run again
+    /// once so much is free. A job that waited while it held memory could wait for another job that
+    /// does the same. [`JobError::TooMuchMemory`] when it is more than the whole budget.
     pub fn need(&self, bytes: u64) -> Result<(), JobError> {
         let wanted = units(bytes);
         if wanted > self.budget_units {

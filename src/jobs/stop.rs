@@ -1,5 +1,5 @@
-//! When a job should give up: its deadline passed, nobody waits for it any more, or the service is
-//! going down.
+//! When a job should give up: its deadline has passed, its client has hung up, or the service is
+//! shutting down.
 
 use std::time::Instant;
 
@@ -7,17 +7,17 @@ use tokio_util::sync::CancellationToken;
 
 use super::JobError;
 
-/// Handed to every job, to be asked between steps.
+/// The stop signal that every job receives and queries between its steps.
 #[derive(Debug, Clone)]
 pub struct Stop {
     deadline: Instant,
-    /// A child of `stopping`: one look tells both.
+    /// A child of `stopping`: one query answers for both.
     hung_up: CancellationToken,
     stopping: CancellationToken,
 }
 
 impl Stop {
-    /// Stops at `deadline`, when `stopping` is cancelled, or when the stop is hung up.
+    /// Stops at `deadline`, when `stopping` is cancelled, or when the client hangs up.
     #[must_use]
     pub fn new(deadline: Instant, stopping: CancellationToken) -> Self {
         Self { deadline, hung_up: stopping.child_token(), stopping }
@@ -41,12 +41,12 @@ impl Stop {
         }
     }
 
-    /// Tells all jobs with this stop that nobody waits for them.
+    /// Tells all jobs with this stop that their client hung up.
     pub(super) fn hang_up(&self) {
         self.hung_up.cancel();
     }
 
-    /// Ends when there is a reason to give up.
+    /// Waits until there is a reason to give up.
     pub(super) async fn wait(&self) -> JobError {
         tokio::select! {
             () = tokio::time::sleep_until(self.deadline.into()) => {}

@@ -7,7 +7,7 @@ fn soon() -> Instant {
     Instant::now() + LONG
 }
 
-/// Runs `jobs` jobs of `bytes` each at once; the most that ever ran together.
+/// Runs `jobs` jobs of `bytes` each at once. Returns the most that ever ran together.
 async fn most_at_once(pool: &Pool, jobs: usize, bytes: u64, hang_up: bool) -> u32 {
     let (now, most) = (Arc::new(AtomicU32::new(0)), Arc::new(AtomicU32::new(0)));
     let mut tasks = tokio::task::JoinSet::new();
@@ -41,10 +41,10 @@ async fn never_more_than_the_workers() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn never_more_than_the_memory() {
-    // Seven eighths are for first jobs.
+    // Seven eighths of the budget are for first jobs.
     let budget = 115 << 20;
     assert_eq!(most_at_once(&Pool::new(8, 20, budget), 8, 50 << 20, false).await, 2);
-    // More than the whole budget: alone, not never.
+    // A job that needs more than the whole budget runs alone, but it runs.
     assert_eq!(most_at_once(&Pool::new(8, 20, budget), 3, 1 << 50, false).await, 1);
 }
 
@@ -116,7 +116,7 @@ async fn draining_waits_then_stops() {
     }
 }
 
-/// A job that runs until it is told to stop, and how long that took.
+/// A job that runs until it is told to stop. Returns whether that came soon enough.
 fn until_stopped(job: &Allowance) -> bool {
     let start = Instant::now();
     while !job.stop().now() && start.elapsed() < LONG {
@@ -130,7 +130,7 @@ async fn a_request_keeps_its_place_between_its_jobs() {
     let pool = Pool::new(1, 0, 1 << 30);
     let slot = pool.admit(soon()).unwrap();
     assert_eq!(pool.run(&slot, Memory::Of(1), |_| 1).await, Ok(1));
-    // No job runs now, and yet nobody else is let in.
+    // No job runs now, and still nobody else is admitted.
     assert_eq!(pool.running(), 0);
     assert!(matches!(pool.admit(soon()), Err(JobError::Busy { .. })));
     assert_eq!(pool.run(&slot, Memory::Beyond(1), |_| 2).await, Ok(2));
@@ -150,7 +150,7 @@ async fn draining_waits_for_all_jobs_of_a_request() {
     while pool.check() != Err(JobError::ShuttingDown) {
         tokio::task::yield_now().await;
     }
-    // It was between its jobs when the service was told to go down.
+    // The request was between its jobs when the service was told to shut down.
     assert_eq!(pool.run(&slot, Memory::Beyond(1), |_| 2).await, Ok(2));
     assert!(!drained.is_finished());
     drop(slot);
@@ -186,23 +186,24 @@ async fn memory_is_reserved_anew_once_the_need_is_known() {
     let pool = Pool::new(3, 3, 342 << 20);
     let [first, second] = [(); 2].map(|()| pool.admit(soon()).unwrap());
     let mebibytes = |n: u64| n << 20;
-    // More than all jobs may have is refused, not queued for ever.
+    // A job that needs more than all jobs may have is refused, not queued for ever.
     let refused = pool.run(&first, Memory::Of(1), move |job| job.need(mebibytes(301))).await;
     assert_eq!(refused, Ok(Err(JobError::TooMuchMemory { bytes: mebibytes(301) })));
     let grown = pool.run(&first, Memory::Of(1), move |job| job.need(mebibytes(200))).await;
     assert_eq!(grown, Ok(Ok(())));
-    // What is reserved stays with the request between its jobs.
+    // A request keeps its reservation between its jobs.
     let job = move |job: &Allowance| (job.need(mebibytes(200)), job.need(mebibytes(100)));
     let again = Err(JobError::Again { bytes: mebibytes(200) });
     assert_eq!(pool.run(&second, Memory::Of(1), job).await, Ok((again, Ok(()))));
-    // What is too much is given back.
+    // A surplus is released.
     let shrunk = pool.run(&first, Memory::Of(mebibytes(200)), move |job| job.need(1)).await;
     assert_eq!(shrunk, Ok(Ok(())));
     let grown = pool.run(&second, Memory::Of(1), move |job| job.need(mebibytes(299))).await;
     assert_eq!(grown, Ok(Ok(())));
 }
 
-/// Two that both want more than is left beside the other's: each lets go before it waits.
+/// Two jobs that both want more than is left beside the other: each releases its memory before it
+/// waits.
 #[tokio::test(flavor = "multi_thread")]
 async fn two_that_want_more_do_not_wait_for_each_other() {
     let pool = Pool::new(2, 2, 342 << 20);

@@ -1,4 +1,4 @@
-//! The key file: its lines, its permissions, and how it is written whole or not at all.
+//! The key file: its lines, its permissions, and writing it whole or not at all.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::{KeyError, MasterKey, key_from_hex};
 use crate::durable::{create_directory, sync_parent};
 
-/// What follows the name of the key file in that of a new one, until it is whole.
+/// Appended to the name of the key file, with a random id, for a new file until it is complete.
 const BESIDE: &str = ".new-";
 
 pub(super) fn parse(text: &str) -> Result<Vec<MasterKey>, (usize, &'static str)> {
@@ -24,7 +24,7 @@ pub(super) fn parse(text: &str) -> Result<Vec<MasterKey>, (usize, &'static str)>
         let bytes = key_from_hex(hex.trim())
             .ok_or((line_number, "the key is not 64 hexadecimal digits"))?;
         let key = MasterKey::new(bytes);
-        // A mistyped or bit-rotten key would silently verify nothing.
+        // A mistyped or damaged key would verify nothing, without an error.
         if key.id != id {
             return Err((line_number, "the key does not belong to its id: it was damaged"));
         }
@@ -48,7 +48,8 @@ pub(super) fn check_mode(file: &File, path: &Path) -> Result<(), KeyError> {
     let metadata =
         file.metadata().map_err(|source| KeyError::Io { path: path.to_owned(), source })?;
     let mode = metadata.permissions().mode() & 0o777;
-    // A group may read (a mounted secret mostly belongs to one), nobody but the owner write.
+    // A group may read the file, because a mounted secret mostly belongs to one. Only the owner may
+    // write.
     if mode & 0o027 != 0 {
         return Err(KeyError::Exposed { path: path.to_owned(), mode });
     }
@@ -68,7 +69,7 @@ fn private_file(path: &Path) -> io::Result<File> {
     options.open(path)
 }
 
-/// A whole new file beside `path`, on the disk before it gets its name.
+/// Writes a new file beside `path`, complete and on the disk before it gets that name.
 fn written_beside(path: &Path, text: &str) -> io::Result<PathBuf> {
     let mut name = path.as_os_str().to_owned();
     name.push(format!("{BESIDE}{}", uuid::Uuid::now_v7().simple()));
@@ -79,7 +80,7 @@ fn written_beside(path: &Path, text: &str) -> io::Result<PathBuf> {
     Ok(beside)
 }
 
-/// Creates the file whole or not at all; keeps one that is already there.
+/// Creates the file whole or not at all. A file that exists is kept.
 pub(super) fn write_new(path: &Path, text: &str) -> io::Result<()> {
     if let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
         create_directory(parent)?;
@@ -93,20 +94,20 @@ pub(super) fn write_new(path: &Path, text: &str) -> io::Result<()> {
     }
 }
 
-/// The key file, locked against other processes that would change it.
+/// The key file, locked against changes by other processes.
 pub(super) struct Locked {
     file: File,
     /// The file itself, where `path` is a symbolic link.
     pub(super) path: PathBuf,
 }
 
-/// Waits for the lock of a key file that is there.
+/// Waits for the lock of an existing key file.
 pub(super) fn lock(path: &Path) -> io::Result<Locked> {
     loop {
         let path = std::fs::canonicalize(path)?;
         let file = File::open(&path)?;
         file.lock()?;
-        // Whoever had the lock before may have put another file in its place.
+        // The process that had the lock before may have replaced the file.
         if is_same(&file, &path)? {
             return Ok(Locked { file, path });
         }
@@ -126,8 +127,8 @@ fn is_same(_: &File, _: &Path) -> io::Result<bool> {
 }
 
 impl Locked {
-    /// Puts a new file in the place of the old one, with its owner, group and mode: a crash leaves one
-    /// of the two.
+    /// Replaces the file by a new one with the same owner, group and mode. A crash leaves one of
+    /// the two.
     pub(super) fn replace(&self, text: &str) -> io::Result<()> {
         let beside = written_beside(&self.path, text)?;
         let replaced =
@@ -139,7 +140,8 @@ impl Locked {
         sync_parent(&self.path)
     }
 
-    /// Removes new files that a crash left beside it, before they had its name; how many.
+    /// Removes new files beside the key file that a crash left before they got its name. Returns
+    /// their number.
     pub(super) fn remove_staging(&self) -> usize {
         let Some(parent) = self.path.parent() else { return 0 };
         let Some(name) = self.path.file_name().and_then(std::ffi::OsStr::to_str) else { return 0 };

@@ -1,7 +1,7 @@
-//! Master keys: where they are kept, how they are named, and how mark keys come from them.
+//! Master keys: where they are stored, how they are named, and how mark keys are derived from them.
 //!
-//! Secrets stay here (invariant I6). What leaves this module is a key id, which tells
-//! nothing about the key, or the mark key of one record. Nothing here logs, and no error or
+//! Secrets stay here (invariant I6). Only two things leave this module: a key id, which reveals
+//! nothing about the key, and the mark key of one record. Nothing here logs, and no error or
 //! `Debug` text contains key material. This module must not know about the registry or HTTP.
 
 mod file;
@@ -22,21 +22,22 @@ pub const KEY_BYTES: usize = 32;
 
 const KEY_ID_LABEL: &[u8] = b"quadmark/1/key-id";
 const MARK_KEY_LABEL: &[u8] = b"quadmark/1/mark";
-/// A key file holds a line of 74 bytes a key; this is room for thousands of rotations.
+/// Most bytes of a key file. A key takes a line of 74 bytes, so this is room for thousands of
+/// rotations.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
-/// Why there is no usable key. The text tells the operator what to do.
+/// Why there is no usable key. The text says what the operator should do.
 #[derive(Debug, thiserror::Error)]
 pub enum KeyError {
-    /// The system refused.
+    /// The system refused access to the file.
     #[error("the master key file {path} cannot be used: {source}")]
     Io {
         /// The key file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// Others than the owner and a group that may read it can read or write the file.
+    /// The file can be read or written by others than its owner and a group that may read it.
     #[error(
         "the master key file {path} can be read by others, or written by a group (mode \
          {mode:03o}): run chmod 600 {path}, or 640 for a group that may read it",
@@ -48,7 +49,7 @@ pub enum KeyError {
         /// Its permission bits.
         mode: u32,
     },
-    /// The file is there but not what it should be.
+    /// The file exists, but its content is not valid.
     #[error("the master key file {path}, line {line}: {reason}", path = path.display())]
     Malformed {
         /// The key file.
@@ -64,10 +65,10 @@ pub enum KeyError {
          between them, each once and the newest last; make one with: openssl rand -hex 32"
     )]
     BadMasterKey,
-    /// A record names a key that is not in the ring.
+    /// A record names a key that is not in the key ring.
     #[error("master key {0} is not in the key file: restore the file from its backup")]
     Unknown(String),
-    /// No randomness from the system.
+    /// The system gave no random bytes.
     #[error("the system gave no random bytes: {0}")]
     Random(getrandom::Error),
     /// The key ring came from the environment, so there is no file to append to.
@@ -97,7 +98,8 @@ impl MasterKey {
     }
 }
 
-/// The first 8 hex digits of SHA-256("quadmark/1/key-id" || key): names a key, tells nothing of it.
+/// The first 8 hex digits of SHA-256("quadmark/1/key-id" || key): names a key and reveals nothing
+/// of it.
 fn key_id(key: &[u8; KEY_BYTES]) -> String {
     let mut hash = Sha256::new();
     hash.update(KEY_ID_LABEL);
@@ -105,7 +107,7 @@ fn key_id(key: &[u8; KEY_BYTES]) -> String {
     hex::encode(hash.finalize().first_chunk::<4>().unwrap_or(&[0; 4]))
 }
 
-/// All master keys: the last one makes new marks, the others still verify old ones.
+/// All master keys. The last one makes new marks; the others still verify old ones.
 pub struct KeyRing {
     keys: Vec<MasterKey>,
     file: Option<PathBuf>,
@@ -118,8 +120,8 @@ impl fmt::Debug for KeyRing {
 }
 
 impl KeyRing {
-    /// Keys from 64 hex digits each (`QUADMARK_MASTER_KEY`), with commas or white space between them,
-    /// the current one last: instead of a file.
+    /// Reads keys of 64 hex digits each (`QUADMARK_MASTER_KEY`) in place of a key file. Commas or
+    /// white space separate them, and the last one is the current key.
     ///
     /// # Errors
     /// [`KeyError::BadMasterKey`].
@@ -139,16 +141,16 @@ impl KeyRing {
         Ok(Self { keys, file: None })
     }
 
-    /// Reads the key file; where there is none, makes one with a fresh key, mode 0600.
+    /// Reads the key file. If there is none, creates one with a fresh key, mode 0600.
     ///
-    /// The flag says whether the file was made just now, so that the caller can tell the operator
-    /// to back it up.
+    /// The flag says whether the file was just created, so that the caller can tell the operator to
+    /// back it up.
     ///
     /// # Errors
-    /// [`KeyError`]: unreadable, readable by others, malformed.
+    /// [`KeyError`] when the file is unreadable, readable by others, or malformed.
     pub fn open_or_create(path: &Path) -> Result<(Self, bool), KeyError> {
-        // Its name may have been made by a process that did not come to sync it. (Where that is not
-        // allowed, a mounted secret mostly, it is not ours.)
+        // Syncs the name of the file too: a process that made it may not have lived to do so. Where
+        // that is not allowed, mostly for a mounted secret, the service did not make the file.
         let opened = Self::open(path).inspect(|_| drop(crate::durable::sync_parent(path)));
         match opened {
             Err(KeyError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => {
@@ -161,7 +163,7 @@ impl KeyRing {
     /// Reads an existing key file.
     ///
     /// # Errors
-    /// [`KeyError`]: missing, unreadable, readable by others, malformed.
+    /// [`KeyError`] when the file is missing, unreadable, readable by others, or malformed.
     pub fn open(path: &Path) -> Result<Self, KeyError> {
         let failed = |source| KeyError::Io { path: path.to_owned(), source };
         let file = File::open(path).map_err(failed)?;
@@ -180,18 +182,18 @@ impl KeyRing {
         let key = MasterKey::random()?;
         write_new(path, &key.line())
             .map_err(|source| KeyError::Io { path: path.to_owned(), source })?;
-        // Read what is there now: another process may have been first.
+        // Reads the file that is there now: another process may have created it first.
         Self::open(path)
     }
 
-    /// Removes what a crash left of a key file that was being written; how many files.
+    /// Removes what a crash left of a key file that was being written. Returns the number of files.
     #[must_use]
     pub fn remove_staging(path: &Path) -> usize {
         file::lock(path).map_or(0, |locked| locked.remove_staging())
     }
 
-    /// Appends a fresh key to the file, which keeps its owner and mode, and makes it the current one.
-    /// Keys that others have appended meanwhile stay. Returns its id.
+    /// Appends a fresh key to the file, which keeps its owner and mode, and makes it the current
+    /// key. Keys that other processes have appended meanwhile stay. Returns the id of the new key.
     ///
     /// # Errors
     /// [`KeyError::NoFile`] for a ring from the environment; [`KeyError::Io`].
@@ -210,7 +212,7 @@ impl KeyRing {
         Ok(self.current().to_owned())
     }
 
-    /// The ids, oldest first; the last one is current.
+    /// The key ids, oldest first; the last one is current.
     pub fn ids(&self) -> impl Iterator<Item = &str> {
         self.keys.iter().map(|key| key.id.as_str())
     }
@@ -237,7 +239,7 @@ impl KeyRing {
         let mut mark_key = Zeroizing::new([0; KEY_BYTES]);
         Hkdf::<Sha256>::new(Some(salt), master.bytes.as_ref())
             .expand_multi_info(&[MARK_KEY_LABEL, owner_id.as_bytes()], mark_key.as_mut())
-            // Only lengths over 8160 bytes fail; this is 32.
+            // Only lengths over 8160 bytes fail; this length is 32.
             .map_err(|_| unknown())?;
         Ok(mark_key)
     }
@@ -275,7 +277,7 @@ mod tests {
 
     #[test]
     fn golden_derivation() {
-        // Computed apart from this code, with hmac and hashlib of another language.
+        // Computed independently of this code, with Python's hmac and hashlib.
         let ring = KeyRing::from_hex(KEY).unwrap();
         assert_eq!(ring.current(), "7f2971a5");
         let key = ring.mark_key(ring.current(), &[7; 32], "acme").unwrap();
@@ -344,7 +346,7 @@ mod tests {
         let path = directory.path().join("master.keys");
         KeyRing::open_or_create(&path).unwrap();
         let rotate = || {
-            // All begin with the file as it was before any of them.
+            // Every thread begins with the file as it was before any rotation.
             let mut ring = KeyRing::open(&path).unwrap();
             (0..4).map(|_| ring.rotate().unwrap()).collect::<Vec<String>>()
         };

@@ -1,5 +1,5 @@
-//! What every registry must do, whichever database is behind it: one function per promise, run
-//! by the tests of each implementation.
+//! What every registry must do, whichever database it uses: one function per promise, run by the
+//! tests of each implementation.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ fn owned_by(owner_id: &str) -> Record {
     Record { owner_id: owner_id.to_owned(), ..sample_record() }
 }
 
-/// All records of a filter, page by page.
+/// All records that pass a filter, page by page.
 async fn all_pages(
     registry: &dyn Registry,
     filter: &Filter,
@@ -65,7 +65,8 @@ pub(super) async fn pages_are_in_order_and_complete(registry: &dyn Registry) {
     assert_eq!(registry.counts(Some("nobody")).await.unwrap(), Counts::default());
 }
 
-/// The first to register drew the last id, and the clock jumped back by a year meanwhile.
+/// The first record to be registered has the last id, and the clock jumped back by a year
+/// meanwhile.
 pub(super) async fn pages_go_by_registration_whatever_ids_and_clocks_say(registry: &dyn Registry) {
     let fast = sample_record();
     let mut slow = Record { id: Uuid::from_u128(fast.id.as_u128() - (1 << 90)), ..sample_record() };
@@ -95,7 +96,7 @@ pub(super) async fn a_poller_misses_nothing(registry: Arc<dyn Registry>) {
     for writer in 0..WRITERS {
         let registry = registry.clone();
         writers.spawn(async move {
-            // Ids drawn long before they are registered, in another order for every writer.
+            // The ids are drawn long before they are registered, in another order for every writer.
             let mut records: Vec<Record> =
                 std::iter::repeat_with(sample_record).take(EACH).collect();
             if writer % 2 == 0 {
@@ -108,7 +109,7 @@ pub(super) async fn a_poller_misses_nothing(registry: Arc<dyn Registry>) {
     }
     let (mut seen, mut after) = (Vec::new(), None);
     loop {
-        // Looked at before the page: what was registered by then must be on it.
+        // Checked before the page is read: what was registered by then must be on it.
         let done = writers.is_empty();
         while writers.try_join_next().map(Result::unwrap).is_some() {}
         let page = registry.page(&Filter::default(), Order::Oldest, after, 7).await.unwrap();
@@ -227,7 +228,7 @@ pub(super) async fn sketches_are_kept_once_per_host(registry: &dyn Registry) {
 
 pub(super) async fn tries_and_questions_are_counted(registry: Arc<dyn Registry>) {
     let (first, other) = (owned_by("acme"), owned_by("other"));
-    // Another file of the same geometry: a comment more does not make another host.
+    // Another file with the same geometry: an added comment does not make another host.
     let second = Record { host_sha256: [77; 32], ..owned_by("acme") };
     let host = first.host_geometry.unwrap();
     registry.refused(&host, "acme", 2).await.unwrap();
@@ -236,7 +237,7 @@ pub(super) async fn tries_and_questions_are_counted(registry: Arc<dyn Registry>)
     for record in [&first, &second, &other] {
         registry.register(record, None).await.unwrap();
     }
-    // The first record takes them over; the second was not chosen.
+    // The first record takes the tries over; the second was not chosen.
     let tally = |id| {
         let registry = registry.clone();
         async move { registry.tally(id).await.unwrap() }
@@ -248,7 +249,8 @@ pub(super) async fn tries_and_questions_are_counted(registry: Arc<dyn Registry>)
     assert_eq!(tally(Uuid::now_v7()).await, Tally::default());
     registry.revoke(second.id, Timestamp::now()).await.unwrap();
     assert_eq!(tally(first.id).await, Tally { revoked_siblings: 1, ..expected });
-    // Many questions at once: each is one, none is lost; asked again it is the same one.
+    // Many questions at once: each is counted once, none is lost, and a repeated one keeps its
+    // number.
     let mut asking = tokio::task::JoinSet::new();
     for k in (0..40).chain(0..40) {
         let (registry, ids) = (registry.clone(), [first.id, other.id]);

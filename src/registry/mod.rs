@@ -1,8 +1,9 @@
 //! The registry: which marks exist, and what is needed to recognise them.
 //!
-//! [`Registry`] is what the service needs of a database; [`Sqlite`] is the one that needs nothing
-//! installed. This is the only module that knows SQL. It must not know about HTTP, about files,
-//! or about keys: a record names its master key by id and holds its salt, nothing more.
+//! [`Registry`] is what the service needs of a database. [`Sqlite`] is the implementation that
+//! needs nothing installed. This is the only module that knows SQL. It must not know about HTTP,
+//! about files, or about keys: a record names its master key by id and holds its salt, nothing
+//! more.
 
 #[cfg(test)]
 mod contract;
@@ -25,7 +26,7 @@ pub use sqlite::{Lock, Sqlite};
 pub(crate) use sqlite_rows::sample_record;
 pub use upkeep::{Identity, KeyUse, Survey};
 
-/// Why the registry could not do what was asked.
+/// Why the registry could not do what was requested.
 #[derive(Debug, thiserror::Error)]
 pub enum RegistryError {
     /// Another process has the data directory open.
@@ -40,19 +41,19 @@ pub enum RegistryError {
     Directory {
         /// The directory.
         path: String,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// There is nothing to read.
+    /// There is no registry to read.
     #[error(
         "there is no registry in the directory {0}; name with --data the data directory of a \
          service (it holds registry.sqlite)"
     )]
     NoRegistry(String),
-    /// A cursor that no page of this registry gave.
+    /// The cursor was not given with a page of this registry.
     #[error("the cursor is not of this registry")]
     ForeignCursor,
-    /// The idempotency key was registered in the meantime, by a request that ran at the same time.
+    /// The idempotency key was used meanwhile, by a request that ran at the same time.
     #[error("the idempotency key was used by another request in the meantime")]
     IdempotencyTaken,
     /// A row that this version cannot read.
@@ -63,7 +64,7 @@ pub enum RegistryError {
         /// Which column, and why.
         reason: String,
     },
-    /// The database refused.
+    /// The database refused or failed.
     #[error("registry: {0}")]
     Database(#[from] sqlx::Error),
     /// The schema could not be brought up to date.
@@ -81,10 +82,10 @@ impl RegistryError {
     }
 }
 
-/// What the service needs of a registry. Every method is one transaction.
+/// The functions that the service needs of a registry. Every function is one transaction.
 #[async_trait]
 pub trait Registry: Send + Sync {
-    /// Registers a record and, with it, the idempotency key it answers.
+    /// Registers a record together with its idempotency key, if it has one.
     async fn register(
         &self,
         record: &Record,
@@ -94,13 +95,13 @@ pub trait Registry: Send + Sync {
     /// One record, revoked or not.
     async fn record(&self, id: Uuid) -> Result<Option<Record>, RegistryError>;
 
-    /// Those of these records that exist, revoked or not, in the order of their ids.
+    /// Those of these records that exist, revoked or not, ordered by id.
     async fn records(&self, ids: &[Uuid]) -> Result<Vec<Record>, RegistryError>;
 
     /// A page of records in the order of their registration, revoked ones included.
     ///
     /// # Errors
-    /// [`RegistryError::ForeignCursor`] when no record is where `after` says.
+    /// [`RegistryError::ForeignCursor`] when the record that `after` names does not exist.
     async fn page(
         &self,
         filter: &Filter,
@@ -109,11 +110,11 @@ pub trait Registry: Send + Sync {
         limit: u32,
     ) -> Result<Page, RegistryError>;
 
-    /// How many records there are; of one owner, where one is named.
+    /// Number of records, of one owner if one is named.
     async fn counts(&self, owner_id: Option<&str>) -> Result<Counts, RegistryError>;
 
-    /// Ids of at most `limit` of an owner's records that are not revoked, in the order of the ids,
-    /// after `after`.
+    /// At most `limit` ids greater than `after` of an owner's records that are not revoked, ordered
+    /// by id.
     async fn live_ids(
         &self,
         owner_id: &str,
@@ -121,45 +122,46 @@ pub trait Registry: Send + Sync {
         limit: u32,
     ) -> Result<Vec<Uuid>, RegistryError>;
 
-    /// Number of the last row: rows are numbered from 1 in the order of registration, perhaps with
+    /// Number of the last row. Rows are numbered from 1 in the order of registration, perhaps with
     /// gaps.
     async fn last_row(&self) -> Result<i64, RegistryError>;
 
-    /// What the codewords of the records that are not revoked are derived from, of the rows after
-    /// `after` up to and with `last`, in order.
+    /// The sources of the codewords of all records that are not revoked, of the rows from `after`
+    /// (exclusive) to `last` (inclusive), in order.
     async fn mark_sources(&self, after: i64, last: i64) -> Result<Vec<MarkSource>, RegistryError>;
 
-    /// Keeps the sketch of a host's geometry, once per geometry.
+    /// Stores the sketch of a host's geometry, once per geometry.
     async fn keep_sketch(&self, geometry: &[u8; 32], sketch: &[u8]) -> Result<(), RegistryError>;
 
     /// Whether any record, revoked or not, uses the stored host of this geometry.
     async fn uses_host(&self, geometry: &[u8; 32]) -> Result<bool, RegistryError>;
 
-    /// At most `limit` sketches that were kept after row `after`, in order.
+    /// At most `limit` sketches that were stored after row `after`, in order.
     async fn sketches(&self, after: i64, limit: u32) -> Result<Vec<HostSketch>, RegistryError>;
 
-    /// The geometries of the hosts of the records that are not revoked and whose host is kept, of the
-    /// rows after `after` up to and with `last`.
+    /// The records that are not revoked and whose host is kept, each with its host's geometry, of
+    /// the rows from `after` (exclusive) to `last` (inclusive).
     async fn hosts(&self, after: i64, last: i64) -> Result<Vec<(Uuid, [u8; 32])>, RegistryError>;
 
-    /// Which hosts descend from which, by their hashes: hosts that carried marks, and the hosts of those.
+    /// The descent of hosts: pairs of a host that carried a mark and the host of that mark, by
+    /// their geometries.
     async fn host_parents(&self) -> Result<Vec<([u8; 32], [u8; 32])>, RegistryError>;
 
-    /// Marks a record as revoked, if it is not already; the record as it then is.
+    /// Revokes a record, if it is not revoked already. Returns the record as it is then.
     async fn revoke(&self, id: Uuid, at: jiff::Timestamp) -> Result<Option<Record>, RegistryError>;
 
-    /// Those of these ids that have a record, in order: for sweeping blobs that no record owns.
+    /// Those of these ids that have a record, ordered: for the sweep of blobs that no record owns.
     async fn existing(&self, ids: &[Uuid]) -> Result<Vec<Uuid>, RegistryError>;
 
-    /// The fingerprint and the record that an idempotency key of this owner stands for.
+    /// The fingerprint and the record of an owner's idempotency key.
     async fn idempotency(
         &self,
         owner_id: &str,
         key: &str,
     ) -> Result<Option<IdempotencyEntry>, RegistryError>;
 
-    /// Counts tries for a host, by its geometry, and an owner that were refused. The next record of theirs takes them
-    /// over when it is registered ([`Tally::refused_before`]).
+    /// Counts refused tries for an owner and a host, named by its geometry. The next record that is
+    /// registered for the two takes the count over ([`Tally::refused_before`]).
     async fn refused(
         &self,
         geometry: &[u8; 32],
@@ -167,21 +169,21 @@ pub trait Registry: Send + Sync {
         tries: u32,
     ) -> Result<(), RegistryError>;
 
-    /// What a record's bound is charged for; nothing for one that is not there.
+    /// The counts that a record's bound is charged for; zeros if the record does not exist.
     async fn tally(&self, id: Uuid) -> Result<Tally, RegistryError>;
 
-    /// Which question about a record this one is, from 1, or would be if it were asked now.
+    /// The number of this question about a record, from 1, or the number that it would get now.
     async fn question(&self, id: Uuid, question: &[u8; 32]) -> Result<u64, RegistryError>;
 
-    /// Counts a question about each of these records, durably, unless it was asked before; which one
-    /// it is of each.
+    /// Counts a question about each of these records, durably, unless it was counted before.
+    /// Returns the number of the question for each record.
     async fn ask(
         &self,
         ids: &[Uuid],
         question: &[u8; 32],
     ) -> Result<Vec<(Uuid, u64)>, RegistryError>;
 
-    /// Keeps a verdict.
+    /// Stores a verdict.
     async fn keep_verification(
         &self,
         verification: &StoredVerification,
@@ -190,12 +192,12 @@ pub trait Registry: Send + Sync {
     /// A verdict as it was answered.
     async fn verification(&self, id: Uuid) -> Result<Option<StoredVerification>, RegistryError>;
 
-    /// Which registry it is, and how often it was written to.
+    /// The identity of the registry, with the number of changes that it has seen.
     async fn seen(&self) -> Result<Option<Identity>, RegistryError>;
 
     /// Whether the registry answers.
     async fn ping(&self) -> Result<(), RegistryError>;
 
-    /// Ends all connections; what was written is on the disk.
+    /// Closes all connections. What was written is on the disk.
     async fn close(&self);
 }

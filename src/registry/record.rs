@@ -17,14 +17,14 @@ use crate::watermark::{BitCount, Frame, Method, Strength};
 /// One registered mark.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
-    /// UUID version 7, drawn when the request began: records are registered in another order, that
-    /// of their rows.
+    /// UUID version 7, drawn when the request began. Records are registered in another order, which
+    /// is the order of their rows.
     pub id: Uuid,
     /// Whose mark it is.
     pub owner_id: String,
-    /// To whom this copy went.
+    /// The recipient of this copy.
     pub recipient: Option<String>,
-    /// Free text of the owner.
+    /// The owner's free text.
     pub label: Option<String>,
     /// How it was embedded.
     pub method: Method,
@@ -32,26 +32,26 @@ pub struct Record {
     pub scheme: u16,
     /// The layers that its file has.
     pub layers: Layers,
-    /// How far the relief moves the surface; none without one.
+    /// How far the relief moves the surface; none without a relief.
     pub amplitude: Option<Amplitude>,
     /// Embedding strength of the blind layer, as used.
     pub strength: Strength,
     /// Length of the message.
     pub bits: BitCount,
-    /// Which master key; never the key itself.
+    /// Id of the master key; never the key itself.
     pub key_id: String,
     /// Random, an input of the mark key's derivation.
     pub salt: [u8; 32],
     /// The message, most significant bit first.
     pub message: Vec<u8>,
-    /// What the caller asked to embed, if anything.
+    /// The message that the caller gave, if any.
     pub payload: Option<Vec<u8>>,
-    /// The host's frame, for detection in place.
+    /// The host's frame, for detection in place (frame `in_place`).
     pub frame: Frame,
     /// SHA-256 of the host file.
     pub host_sha256: [u8; 32],
-    /// Key of the host's geometry: by it marks of one host are counted together, and the host is
-    /// stored under it if it is kept. Records of before hosts were stored once each have none.
+    /// Key of the host's geometry. Marks of one host are counted together by it, and a kept host is
+    /// stored under it. Records from before hosts were stored once per geometry have none.
     pub host_geometry: Option<[u8; 32]>,
     /// SHA-256 of the marked file.
     pub marked_sha256: [u8; 32],
@@ -67,9 +67,9 @@ pub struct Record {
     pub triangles: u64,
     /// Bins that carry a bit.
     pub usable_bins: u32,
-    /// What the mark did to the mesh; records of before it was measured have none.
+    /// The distortion of the mesh by the mark. Records from before it was measured have none.
     pub quality: Option<Quality>,
-    /// Marks that the host carried, best first; none where nobody looked.
+    /// Marks that the host carried, best first; none if the host was not searched.
     pub existing_marks: Option<Vec<ExistingMark>>,
     /// The marked file is in the blob store.
     pub file_kept: bool,
@@ -77,11 +77,11 @@ pub struct Record {
     pub host_kept: bool,
     /// When it was registered.
     pub created_at: Timestamp,
-    /// When it was revoked; a revoked mark is kept and not searched.
+    /// When it was revoked. A revoked mark is kept and not searched for.
     pub revoked_at: Option<Timestamp>,
 }
 
-/// What a record's codeword is derived from.
+/// The inputs that a record's codeword is derived from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MarkSource {
     /// The record.
@@ -92,7 +92,7 @@ pub struct MarkSource {
     pub method: Method,
     /// Length of the message.
     pub bits: BitCount,
-    /// Which master key.
+    /// Id of the master key.
     pub key_id: String,
     /// Random, an input of the mark key's derivation.
     pub salt: [u8; 32],
@@ -101,7 +101,7 @@ pub struct MarkSource {
 }
 
 impl Record {
-    /// What its codeword is derived from.
+    /// The inputs that its codeword is derived from.
     #[must_use]
     pub fn source(&self) -> MarkSource {
         MarkSource {
@@ -116,7 +116,7 @@ impl Record {
     }
 }
 
-/// The sketch of a host's geometry, as it was kept.
+/// The stored sketch of a host's geometry.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HostSketch {
     /// Number of its row.
@@ -127,23 +127,23 @@ pub struct HostSketch {
     pub sketch: Vec<u8>,
 }
 
-/// What a mark did to its mesh. Lengths are shares of the bounding box's diagonal.
+/// The distortion of a mesh by its mark. Lengths are shares of the bounding box's diagonal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Quality {
-    /// Metro's root mean square distance.
+    /// Root mean square distance between the surfaces, as Metro measures it.
     pub mrms: f64,
-    /// Metro's largest distance.
+    /// Largest distance between the surfaces, as Metro measures it.
     pub hausdorff: f64,
-    /// Longest way that a vertex went.
+    /// Largest displacement of a vertex.
     pub max_displacement: f64,
-    /// Mean angle that normals turned by.
+    /// Mean angle between the normals before and after.
     pub normal_deviation_degrees: f64,
     /// Triangles that turned by more than 90 degrees.
     pub flipped: u64,
-    /// The method that chose the positions, where the one asked for did not settle.
+    /// The method that chose the positions: another one than requested if that one did not settle.
     pub method_used: String,
-    /// Coordinates that are written with more decimals than in the host, because the mark needs them;
-    /// none in records of before they were counted.
+    /// Number of coordinates that are written with more decimals than in the host, because the mark
+    /// needs them. Records from before they were counted have none.
     #[serde(default)]
     pub more_decimals: Option<u64>,
 }
@@ -155,20 +155,20 @@ pub struct ExistingMark {
     pub watermark_id: Uuid,
     /// Whose mark it is.
     pub owner_id: String,
-    /// log10 of the bound that it was found by.
+    /// log10 of the false-positive bound with which it was found.
     pub log10_fp: f64,
 }
 
-/// What is counted beside a record.
+/// The counts beside a record that its bound is charged for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Tries for its host and owner that were refused since their record before it.
+    /// Refused tries for its host and owner between their record before it and this one.
     pub refused_before: u64,
-    /// Other records of its host and owner, revoked or not.
+    /// Other records of the same host and owner, revoked or not.
     pub siblings: u64,
-    /// Those of them that are revoked.
+    /// The revoked ones among its siblings.
     pub revoked_siblings: u64,
-    /// Questions that were asked about it.
+    /// Number of questions that were asked about it.
     pub asked: u64,
 }
 
@@ -181,15 +181,15 @@ pub struct Filter {
     pub recipient: Option<String>,
 }
 
-/// In which order a page shows records: that of their registration, which neither ids nor times
-/// promise (an id is drawn before the marking, a clock may jump).
+/// The order of the records on a page. It is the order of registration, which neither ids nor times
+/// give reliably: an id is drawn before the marking, and a clock may jump.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Order {
     /// The last registered first.
     #[default]
     Newest,
-    /// The first registered first. Who follows it by cursor sees every record once: none is ever
-    /// registered before one that was seen.
+    /// The first registered first. A reader that follows the cursors sees every record once,
+    /// because no record is ever registered before one that was already read.
     Oldest,
 }
 
@@ -215,12 +215,12 @@ impl FromStr for Order {
     }
 }
 
-/// Where a page ends: the last record on it. Opaque to callers.
+/// The end of a page: the last record on it. Opaque to callers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cursor(pub(super) Uuid);
 
 impl Cursor {
-    /// The text that callers hand back.
+    /// The text of the cursor, which callers send back.
     #[must_use]
     pub fn to_text(self) -> String {
         BASE64_URL_SAFE_NO_PAD.encode(self.0.as_bytes())
@@ -237,16 +237,16 @@ impl Cursor {
 /// A page of records.
 #[derive(Debug)]
 pub struct Page {
-    /// The records, in the order asked for.
+    /// The records, in the requested order.
     pub records: Vec<Record>,
     /// Where the next page begins; `None` on the last one.
     pub next: Option<Cursor>,
-    /// With [`Order::Oldest`], where what will be registered later begins; `None` while there is
-    /// nothing.
+    /// With [`Order::Oldest`], the cursor for the records that are registered later; `None` while
+    /// there is no record.
     pub resume: Option<Cursor>,
 }
 
-/// How many records there are.
+/// Number of records.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
     /// Those that are not revoked.
@@ -255,16 +255,16 @@ pub struct Counts {
     pub revoked: u64,
 }
 
-/// What an idempotency key was used for.
+/// The use of an idempotency key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct IdempotencyEntry {
-    /// The owner whose key it is: two owners may choose the same key.
+    /// The owner of the key. Two owners may choose the same key.
     pub owner_id: String,
     /// The caller's key.
     pub key: String,
     /// SHA-256 over the parameters of the request and its file's hash.
     pub fingerprint: [u8; 32],
-    /// The record it made.
+    /// The record that the request made.
     pub watermark_id: Uuid,
 }
 

@@ -1,10 +1,11 @@
 //! The registry in one `SQLite` file: write-ahead log, one writer, a pool of readers.
 //!
-//! Writes go through a single connection and `BEGIN IMMEDIATE`: a plain `BEGIN` that reads first
-//! and writes later failed in 217 of 400 concurrent transactions, this form in none. Must not be
-//! opened twice on one directory: each process has its own index of marks in memory.
+//! Writes go through a single connection and `BEGIN IMMEDIATE`. A plain `BEGIN` that reads first
+//! and writes later failed in 217 of 400 concurrent transactions, `BEGIN IMMEDIATE` in none. Must
+//! not be opened twice on one directory: each process has its own index of marks in memory.
 //!
-//! A write has returned when it is on the disk: whatever is answered after it survives a power cut.
+//! A write returns when it is on the disk, so that whatever is answered afterwards survives a power
+//! cut.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::Path;
@@ -34,29 +35,31 @@ const READERS: u32 = 4;
 pub struct Sqlite {
     pub(super) writer: SqlitePool,
     pub(super) readers: SqlitePool,
-    /// Held as long as the registry lives. A registry that is only read needs none.
+    /// Held for the life of the registry. A registry that is only read needs no lock.
     _lock: Option<Lock>,
 }
 
-/// A locked data directory; the system lets go of it when the process dies.
+/// A locked data directory. The system releases the lock when the process dies.
 #[derive(Debug)]
 pub struct Lock {
     _file: File,
 }
 
 impl Sqlite {
-    /// Opens `registry.sqlite` in the data directory, creates it or brings its schema up to date.
+    /// Opens `registry.sqlite` in the data directory. Creates it, or brings its schema up to date,
+    /// if needed.
     ///
     /// # Errors
-    /// [`RegistryError::InUse`] when another process has it open; otherwise what the system said.
+    /// [`RegistryError::InUse`] when another process has it open; otherwise the error of the
+    /// system.
     pub async fn open(data: &Path) -> Result<Self, RegistryError> {
         Self::open_locked(data, Lock::take(data)?).await
     }
 
-    /// The same, of a data directory that is locked already.
+    /// The same, for a data directory that is locked already.
     ///
     /// # Errors
-    /// What the system said.
+    /// The error of the system.
     pub async fn open_locked(data: &Path, lock: Lock) -> Result<Self, RegistryError> {
         let options = SqliteConnectOptions::new()
             .filename(data.join("registry.sqlite"))
@@ -77,22 +80,23 @@ impl Sqlite {
         Ok(Self { writer, readers, _lock: Some(lock) })
     }
 
-    /// Whether there is a registry.
+    /// Whether the data directory has a registry.
     #[must_use]
     pub fn is_there(data: &Path) -> bool {
         data.join("registry.sqlite").exists()
     }
 
-    /// Ends all connections of a registry that was opened to be read.
+    /// Closes all connections of a registry that was opened for reading.
     pub async fn end(self) {
         self.close().await;
     }
 
-    /// Opens an existing registry of a locked directory to look at it before anything is changed. What
-    /// a crash left half done, the database takes back even so, which one that is only read cannot.
+    /// Opens an existing registry of a locked directory, to examine it before anything is changed.
+    /// The database still rolls back what a crash left half done, which a connection that only
+    /// reads could not.
     ///
     /// # Errors
-    /// What the system said.
+    /// The error of the system.
     pub async fn open_to_look(data: &Path, _lock: &Lock) -> Result<Self, RegistryError> {
         let options = SqliteConnectOptions::new()
             .filename(data.join("registry.sqlite"))
@@ -102,8 +106,8 @@ impl Sqlite {
         Ok(Self { writer: readers.clone(), readers, _lock: None })
     }
 
-    /// Opens an existing registry to read it, also while a service has it open. Everything that
-    /// writes fails.
+    /// Opens an existing registry for reading, also while a service has it open. Every function
+    /// that writes fails.
     ///
     /// # Errors
     /// [`RegistryError`] when there is no registry of this version.
@@ -127,11 +131,12 @@ fn unusable(data: &Path, source: std::io::Error) -> RegistryError {
 }
 
 impl Lock {
-    /// Locks a data directory, which is made if it is not there: for its owner alone, since it holds
-    /// marked files and their hosts.
+    /// Locks a data directory, and creates it if it is missing. It is readable by its owner alone,
+    /// since it holds marked files and hosts.
     ///
     /// # Errors
-    /// [`RegistryError::InUse`] when another process has it; otherwise what the system said.
+    /// [`RegistryError::InUse`] when another process has the lock; otherwise the error of the
+    /// system.
     pub fn take(data: &Path) -> Result<Self, RegistryError> {
         let failed = |source| unusable(data, source);
         create_directory(data).map_err(failed)?;
@@ -153,7 +158,8 @@ pub(super) fn ids_from(rows: Vec<(String,)>) -> Result<Vec<Uuid>, RegistryError>
     rows.into_iter().map(|(id,)| id.parse().map_err(|_| bad_row(&id, "id"))).collect()
 }
 
-/// As `json_each` takes it: a statement of the same text for any number of ids.
+/// The ids as `json_each` takes them, so that the text of a statement is the same for any number of
+/// ids.
 fn json_list(ids: &[Uuid]) -> String {
     serde_json::json!(ids).to_string()
 }
@@ -287,7 +293,7 @@ impl Registry for Sqlite {
         .fetch_all(&self.readers)
         .await;
         let rows: Vec<(i64, Vec<u8>, Vec<u8>)> = match rows {
-            // Read beside the service of an earlier release, which has not made the table.
+            // A service of an earlier release, beside which this one reads, has not made the table.
             Err(error) if is_older_schema(&error) => Vec::new(),
             rows => rows?,
         };
@@ -438,7 +444,7 @@ impl Registry for Sqlite {
     }
 }
 
-/// Whether a table or column is missing: a registry that is read and of an earlier release.
+/// Whether a table or column is missing, because the registry is of an earlier release.
 pub(super) fn is_older_schema(error: &sqlx::Error) -> bool {
     let missing = ["no such table", "no such column"];
     let says = |error: &dyn sqlx::error::DatabaseError| {
@@ -495,7 +501,7 @@ mod tests {
         contract::tries_and_questions_are_counted(Arc::new(registry)).await;
     }
 
-    /// `VACUUM` may number rows anew: a cursor names a record, not a row.
+    /// `VACUUM` may renumber rows; a cursor names a record, not a row.
     #[tokio::test]
     async fn cursors_survive_a_vacuum() {
         let directory = tempfile::tempdir().unwrap();

@@ -1,8 +1,7 @@
-//! What is known beside single records: tries that were refused, questions that were asked, and which
-//! hosts descend from which.
+//! Counts and relations beside single records: refused tries, questions, and the descent of hosts.
 //!
-//! Counts are changed by single statements or within the caller's transaction, so that none is lost
-//! when many requests count at once.
+//! Counts are changed by single statements or within the caller's transaction, so that no count is
+//! lost when many requests count at once.
 
 use sqlx::sqlite::{SqliteConnection, SqlitePool};
 use uuid::Uuid;
@@ -15,7 +14,7 @@ fn whole(id: Uuid, count: i64) -> Result<u64, RegistryError> {
     u64::try_from(count).map_err(|_| bad_row(&id, "a count"))
 }
 
-/// Adds refused tries to those of a host and owner.
+/// Adds to the refused tries of a host and owner.
 pub(super) async fn refused(
     writer: &SqlitePool,
     geometry: &[u8; 32],
@@ -34,7 +33,7 @@ pub(super) async fn refused(
     Ok(())
 }
 
-/// Gives the refused tries of its host and owner to a record that was just inserted.
+/// Moves the refused tries of its host and owner to a record that was just inserted.
 pub(super) async fn take_refused(
     connection: &mut SqliteConnection,
     record: &Record,
@@ -55,7 +54,7 @@ pub(super) async fn take_refused(
     Ok(())
 }
 
-/// What a record's bound is charged for.
+/// The counts that a record's bound is charged for.
 pub(super) async fn tally(readers: &SqlitePool, id: Uuid) -> Result<Tally, RegistryError> {
     let row: Option<(i64, i64, i64, i64)> = sqlx::query_as(
         "SELECT own.refused_before,
@@ -80,7 +79,7 @@ pub(super) async fn tally(readers: &SqlitePool, id: Uuid) -> Result<Tally, Regis
     })
 }
 
-/// Read beside the service of an earlier release, which has not made the tables.
+/// Nothing is counted if the tables are missing, because the registry is of an earlier release.
 fn nothing_counted<T>(error: sqlx::Error) -> Result<Option<T>, sqlx::Error> {
     let message = error.as_database_error().map(|error| error.message().to_owned());
     let is_older =
@@ -88,7 +87,7 @@ fn nothing_counted<T>(error: sqlx::Error) -> Result<Option<T>, sqlx::Error> {
     if is_older { Ok(None) } else { Err(error) }
 }
 
-/// Which question about a record this is, or would be.
+/// The number of this question about a record, or the number that it would get now.
 pub(super) async fn question(
     readers: &SqlitePool,
     id: Uuid,
@@ -108,8 +107,8 @@ pub(super) async fn question(
     row.map_or(Ok(1), |(nth,)| whole(id, nth))
 }
 
-/// Counts a question about each of these records, unless it was counted before; which one it is of
-/// each.
+/// Counts a question about each of these records, unless it was counted before. Returns the number
+/// of the question for each record.
 pub(super) async fn ask(
     writer: &SqlitePool,
     ids: &[Uuid],
@@ -133,7 +132,7 @@ pub(super) async fn ask(
     rows.into_iter().map(row).collect()
 }
 
-/// Hosts and those whose marks they carried.
+/// Pairs of a host and a host whose mark it carried.
 pub(super) async fn host_parents(
     readers: &SqlitePool,
 ) -> Result<Vec<([u8; 32], [u8; 32])>, RegistryError> {

@@ -1,8 +1,9 @@
 //! Pages and counts of records, in `SQL`.
 //!
-//! Pages go by row number. Rows are written on one connection, so that their numbers are in the order
-//! of the commits, and a reader sees the commits up to some moment: no row ever appears below one that
-//! was seen. A cursor names a record and not its number, which `VACUUM` may change.
+//! Pages go by row number. All rows are written on one connection, so their numbers are in the
+//! order of the commits, and a reader sees all commits up to some moment. So no row ever appears
+//! below one that was read. A cursor names a record and not its row number, which `VACUUM` may
+//! change.
 
 use sqlx::sqlite::SqlitePool;
 
@@ -17,7 +18,7 @@ pub(super) async fn page(
     after: Option<Cursor>,
     limit: u32,
 ) -> Result<Page, RegistryError> {
-    // One snapshot for both questions.
+    // Both queries see one snapshot.
     let mut reader = readers.begin().await?;
     let after_row = match after {
         None => None,
@@ -43,7 +44,7 @@ pub(super) async fn page(
     if let Some(row) = after_row {
         query.push(format!(" AND rowid {beyond} ")).push_bind(row);
     }
-    // One more than asked: it says whether there is a next page.
+    // One more than requested shows whether there is a next page.
     query.push(format!(" ORDER BY rowid {direction} LIMIT ")).push_bind(i64::from(limit) + 1);
     let rows = query.build().fetch_all(&mut *reader).await?;
     let asked = usize::try_from(limit).unwrap_or(usize::MAX);

@@ -1,6 +1,6 @@
-//! Records to `SQLite` rows and back.
+//! Converts records to `SQLite` rows and back.
 //!
-//! What a row holds is parsed, not trusted: a value that this version does not know is an error
+//! The values of a row are parsed, not trusted: a value that this version does not know is an error
 //! that names the row and the column.
 
 use std::fmt::Display;
@@ -155,8 +155,8 @@ pub(super) fn record_from_row(row: &SqliteRow) -> Result<Record, RegistryError> 
     })
 }
 
-/// A value of a column that earlier releases did not have: none where a service of such a one has not
-/// added it, beside which this one reads.
+/// A value of a column that was added after the first release; none if the registry is read beside
+/// a service of an earlier release that has not added the column.
 fn added<'r, T: sqlx::Decode<'r, sqlx::Sqlite> + sqlx::Type<sqlx::Sqlite>>(
     row: &'r SqliteRow,
     column: &str,
@@ -215,7 +215,7 @@ pub(crate) fn sample_record() -> Record {
         salt: [5; 32],
         message: vec![1, 2, 3, 4, 5, 6, 7, 8],
         payload: Some(vec![1, 2]),
-        // Values whose last bits a decimal text would lose.
+        // Decimal text would lose the last bits of these values.
         frame: Frame {
             centre: DVec3::new(0.1 + 0.2, -1.0e-300, 1.0 / 3.0),
             rho_min: f64::MIN_POSITIVE,

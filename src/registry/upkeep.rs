@@ -1,5 +1,5 @@
-//! What is asked of a registry when a service starts on it, and by `quadmark check`: not by
-//! requests. All of it also works on a registry that is only read, and whose schema is older.
+//! Queries on a registry that the start of a service and `quadmark check` make, not requests. All
+//! of them also work on a registry that is only read and has an older schema.
 
 use std::collections::BTreeSet;
 
@@ -17,7 +17,7 @@ pub struct Survey {
     pub records: u64,
     /// The master keys of the records, by their ids.
     pub keys: Vec<KeyUse>,
-    /// Which registry it is; none before its schema has it.
+    /// The identity of the registry; none if its schema is from before identities.
     pub identity: Option<Identity>,
 }
 
@@ -26,16 +26,17 @@ pub struct Survey {
 pub struct KeyUse {
     /// The key.
     pub key_id: String,
-    /// Records.
+    /// Number of records that need it.
     pub records: u64,
-    /// Those of them that are not revoked: without the key they cannot be searched for.
+    /// Number of those records that are not revoked. Without the key, their marks cannot be
+    /// searched for.
     pub live: u64,
 }
 
-/// Which registry it is.
+/// The identity of a registry.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Identity {
-    /// Random, drawn when the registry was made.
+    /// A random id, drawn when the registry was made.
     pub id: String,
     /// How often it was written to.
     pub changes: u64,
@@ -45,7 +46,7 @@ fn count(number: i64) -> u64 {
     u64::try_from(number).unwrap_or(0)
 }
 
-/// Nothing, where the table or the column is not there yet.
+/// The default if the table or the column does not exist yet.
 fn if_there<T: Default>(found: Result<T, sqlx::Error>) -> Result<T, RegistryError> {
     match found {
         Err(error) if is_older_schema(&error) => Ok(T::default()),
@@ -54,7 +55,7 @@ fn if_there<T: Default>(found: Result<T, sqlx::Error>) -> Result<T, RegistryErro
 }
 
 impl Sqlite {
-    /// What it holds.
+    /// What the registry holds.
     ///
     /// # Errors
     /// [`RegistryError::Database`].
@@ -76,7 +77,7 @@ impl Sqlite {
         Ok(Survey { records, keys, identity: self.identity().await? })
     }
 
-    /// Which registry it is.
+    /// The identity of the registry.
     ///
     /// # Errors
     /// [`RegistryError::Database`].
@@ -86,7 +87,8 @@ impl Sqlite {
         Ok(found.map(|(id, changes)| Identity { id, changes: count(changes) }))
     }
 
-    /// The geometries that must be in the blob store: of records, revoked or not, whose host is kept.
+    /// The geometries that must be in the blob store: those of all records, revoked or not, whose
+    /// host is kept.
     ///
     /// # Errors
     /// [`RegistryError::Database`].
@@ -99,7 +101,8 @@ impl Sqlite {
         Ok(found.iter().filter_map(|(geometry,)| bytes32(geometry)).collect())
     }
 
-    /// Records whose host is kept under their own id: those of before hosts were stored once each.
+    /// Records whose host is stored under the record's id, from before hosts were stored once per
+    /// geometry.
     ///
     /// # Errors
     /// [`RegistryError::Database`].
@@ -112,7 +115,8 @@ impl Sqlite {
         ids_from(rows)
     }
 
-    /// Says that a record's host is stored under its geometry now, with the sketch that its file had.
+    /// Notes that a record's host is now stored under its geometry, with the sketch that its file
+    /// had.
     ///
     /// # Errors
     /// [`RegistryError::Database`].
@@ -135,8 +139,8 @@ impl Sqlite {
         Ok(transaction.commit().await?)
     }
 
-    /// At most `limit` records after row `after`, with their rows; one that cannot be read is an
-    /// error of its own.
+    /// At most `limit` records after row `after`, each with its row number. A record that cannot be
+    /// read is an error of its own.
     ///
     /// # Errors
     /// [`RegistryError::Database`].
@@ -156,10 +160,10 @@ impl Sqlite {
         rows.iter().map(|row| Ok((row.try_get("row_number")?, record_from_row(row)))).collect()
     }
 
-    /// What the database itself finds wrong in its file.
+    /// The faults that the database itself finds in its file.
     ///
     /// # Errors
-    /// [`RegistryError::Database`], when it cannot even look.
+    /// [`RegistryError::Database`] when the database cannot run its checks.
     pub async fn integrity(&self) -> Result<Vec<String>, RegistryError> {
         let found: Vec<(String,)> =
             sqlx::query_as("PRAGMA integrity_check").fetch_all(&self.readers).await?;
@@ -212,8 +216,8 @@ mod tests {
         assert_eq!(rest[0].1.as_ref().unwrap().id, records[2].id);
     }
 
-    /// What a durable commit costs, beside one that a power cut may lose. Where this prints the same
-    /// for both, the file system does not sync.
+    /// Measures the cost of a durable commit, beside that of a commit that a power cut may lose. If
+    /// both are the same, the file system does not sync.
     #[tokio::test]
     #[ignore = "a measurement"]
     async fn what_a_commit_costs() {

@@ -1,25 +1,27 @@
-//! Admission of uploads: how many may be on their way, and what they may take of the disk together.
+//! Admission of uploads: how many may arrive at once, and how much of the disk they may take
+//! together.
 //!
-//! What an upload declares is reserved before its first byte; one that declares nothing grows as it
-//! comes. Reserved bytes are given back with the upload's file, at the latest when its job ends.
+//! The length that an upload declares is reserved before its first byte. For an upload that
+//! declares none, the reservation grows as the bytes arrive. Reserved bytes are released with the
+//! upload's file, at the latest when its job ends.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::ServiceError;
 
-/// How much there may be of uploads.
+/// Limits for all uploads together.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
-    /// Uploads on their way at once.
+    /// Most uploads that arrive at once.
     pub(super) uploads: usize,
-    /// Bytes of all uploads that are on their way or worked on.
+    /// Most bytes of all uploads that arrive or are being processed.
     pub(super) bytes: u64,
-    /// The disk must keep so many bytes free.
+    /// Bytes of the disk that must stay free.
     pub(super) free_bytes: u64,
 }
 
-/// All uploads of a service. Cheap to clone; all clones are the same.
+/// All uploads of a service. Cheap to clone; all clones share the same counts.
 #[derive(Debug, Clone)]
 pub(super) struct Uploads(Arc<Shared>);
 
@@ -37,7 +39,7 @@ struct Taken {
     written: u64,
 }
 
-/// The place of one upload; given back when it is dropped.
+/// The reservation of one upload, released when it is dropped.
 #[derive(Debug)]
 pub struct Admission {
     uploads: Uploads,
@@ -52,12 +54,12 @@ impl Uploads {
         Self(Arc::new(Shared { limits, directory, taken: Mutex::default() }))
     }
 
-    /// Refuses when the disk has less than it must keep free.
+    /// Refuses when less of the disk is free than must stay free.
     pub(super) fn check_disk(&self) -> Result<(), ServiceError> {
         self.check_room(0)
     }
 
-    /// Takes an upload on that declares so many bytes (none where it does not say).
+    /// Admits an upload that declares so many bytes; 0 when it declares none.
     ///
     /// # Errors
     /// [`ServiceError::UploadsFull`], [`ServiceError::StorageFull`].
@@ -74,7 +76,7 @@ impl Uploads {
         })?;
         let uploads = self.clone();
         let admission = Admission { uploads, coming: true, reserved: declared, written: 0 };
-        // With what others have reserved and not yet written.
+        // Includes what others have reserved and not yet written.
         self.check_room(outstanding)?;
         Ok(admission)
     }
@@ -108,7 +110,8 @@ impl Taken {
 }
 
 impl Admission {
-    /// Before so many more bytes are written. On a blocking thread: it asks the disk.
+    /// Reserves room for so many more bytes before they are written. Runs on a blocking thread,
+    /// because it queries the disk.
     ///
     /// # Errors
     /// [`ServiceError::UploadsFull`], [`ServiceError::StorageFull`].
@@ -126,7 +129,7 @@ impl Admission {
         self.uploads.check_room(bytes)
     }
 
-    /// All of it is there: what was reserved beyond it is free again.
+    /// Ends the arrival: what was reserved beyond the written bytes is released.
     pub(super) fn arrived(&mut self) {
         let unused = self.reserved.saturating_sub(self.written);
         let coming = std::mem::take(&mut self.coming);
@@ -148,8 +151,8 @@ impl Drop for Admission {
     }
 }
 
-/// Bytes that the disk of a directory has free for this process; `None` where the system does not
-/// say.
+/// Free bytes of the disk of a directory for this process; `None` when the system does not report
+/// them.
 #[cfg(unix)]
 fn free_bytes(directory: &Path) -> Option<u64> {
     let disk = rustix::fs::statvfs(directory).ok()?;

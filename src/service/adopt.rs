@@ -1,7 +1,9 @@
-//! Hosts of before they were stored once each, under the id of their record, get their new place.
+//! Moves hosts of older releases, stored under the id of their record, to where each geometry is
+//! stored once.
 //!
-//! The new blob, then the record, then the old blob goes: a crash in between is made up for at the
-//! next start. What cannot be moved stays where it is, and is logged.
+//! The order is: the new blob is written, the record is changed, the old blob is removed. The next
+//! start completes what a crash left in between. A host that cannot be moved stays where it is, and
+//! is logged.
 
 use tracing::{info, warn};
 use uuid::Uuid;
@@ -11,7 +13,7 @@ use crate::blobs::{Blobs, Kind, geometry};
 use crate::config::Config;
 use crate::registry::Sqlite;
 
-/// Moves all hosts that are there.
+/// Moves all hosts that are stored under the id of their record.
 pub(super) async fn hosts(
     config: &Config,
     registry: &Sqlite,

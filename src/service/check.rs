@@ -1,9 +1,9 @@
-//! The check of a data directory: whether everything is there that its records promise, and as it
-//! was, and nothing else. Reads only; a service may be running.
+//! The check of a data directory: whether everything that the records promise is there and
+//! unchanged, and nothing else is. It only reads; a service may be running.
 //!
 //! Blobs are listed before the records are read, so that a mark that is registered meanwhile is not
-//! taken for an orphan; of one whose blobs are there and whose record is just being written this
-//! cannot be told.
+//! taken for an orphan. A mark whose blobs are written and whose record is not yet written is still
+//! taken for one.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
@@ -18,30 +18,30 @@ use crate::config::{Config, SecretText};
 use crate::keys::KeyRing;
 use crate::registry::{Record, RegistryError, Sqlite};
 
-/// Records that are read at a time.
+/// Records per query.
 const ROWS: u32 = 1024;
 
-/// Something that is not as it should be.
+/// Something that is wrong.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
     /// What kind of thing: `file_missing`, `file_damaged`, `host_missing`, `host_damaged`,
     /// `blob_without_record`, `unfinished`, `key_missing`, `keys_unusable`, `record_unreadable`,
     /// `registry_older`, `registry_other`, `database`.
     pub kind: &'static str,
-    /// Which one.
+    /// The file, key or directory that it is about.
     pub what: String,
     /// What is wrong with it.
     pub detail: String,
 }
 
-/// What a check looked at, and what it found.
+/// What a check covered, and what it found.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Checked {
     /// Records, revoked ones included.
     pub records: u64,
     /// Marked files whose hash was compared.
     pub files: u64,
-    /// Hosts whose hash was compared; records of one geometry share one.
+    /// Hosts whose hash was compared; records with one geometry share a host.
     pub hosts: u64,
     /// What is wrong.
     pub findings: Vec<Finding>,
@@ -57,16 +57,16 @@ impl Checked {
 /// Checks the data directory of these settings.
 ///
 /// # Errors
-/// [`StartError`] when there is nothing to check, or it cannot be read.
+/// [`StartError`] when there is nothing to check, or the directory cannot be read.
 pub async fn check(config: &Config) -> Result<Checked, StartError> {
     let data = &config.data;
     let mut checked = Checked::default();
     let blobs = Blobs::there(&data.join("blobs"))?;
     let registry = Sqlite::open_to_read(data).await?;
-    let looked = pose(config, &registry, blobs.as_ref(), &mut checked).await;
+    let looked = check_all(config, &registry, blobs.as_ref(), &mut checked).await;
     registry.end().await;
     match looked {
-        // A file that is no database any more is what the check is for.
+        // A file that is no longer a database is a finding of the check.
         Err(StartError::Registry(error @ RegistryError::Database(_))) => {
             checked.add("database", &data.join("registry.sqlite").display(), &error);
         }
@@ -75,7 +75,7 @@ pub async fn check(config: &Config) -> Result<Checked, StartError> {
     Ok(checked)
 }
 
-async fn pose(
+async fn check_all(
     config: &Config,
     registry: &Sqlite,
     blobs: Option<&Blobs>,
@@ -207,7 +207,7 @@ async fn check_record(
     Ok(())
 }
 
-/// The SHA-256 of a marked file as it would be handed out; none where it is not there.
+/// The SHA-256 of a marked file as it would be handed out; `None` if the file is missing.
 async fn hash_of_file(
     blobs: &Blobs,
     record: &Record,
@@ -234,7 +234,7 @@ async fn hash_of_file(
 }
 
 impl Checked {
-    /// How many findings there are of each kind.
+    /// Number of findings of each kind.
     #[must_use]
     pub fn kinds(&self) -> BTreeMap<&'static str, usize> {
         let mut kinds = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! Marked files on their way out: read as they are asked for, never whole in memory.
+//! Marked files on their way out: read in steps as the client takes them, never whole in memory.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -18,13 +18,13 @@ use crate::blobs::marked::{self, MarkedError};
 use crate::jobs::Stop;
 use crate::registry::Record;
 
-/// Bytes of one step of reading a temporary file.
+/// Bytes per read of a temporary file.
 const STEP: usize = 256 << 10;
 
-/// Bytes of an answer, as they are read.
+/// Bytes of an answer, in the parts in which they are read.
 pub type Parts = BoxStream<'static, io::Result<Bytes>>;
 
-/// A marked file that is there and can be read.
+/// A marked file that exists and can be read.
 #[derive(Debug)]
 pub struct Content {
     id: Uuid,
@@ -36,20 +36,20 @@ pub struct Content {
 enum Source {
     /// In the blob store.
     Stored(StoredFile),
-    /// In a nameless temporary file: marked files that are not kept.
+    /// In a nameless temporary file, for a marked file that is not kept.
     Spooled(File),
 }
 
 impl Content {
-    /// Length of the whole file.
+    /// Length of the whole file in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// Begins to read a part. Its first step is read before this returns, so that a file that is
-    /// damaged where the part begins is an error and no answer. What fails later is logged, and
-    /// ends the stream with an error.
+    /// Begins to read a range of bytes. The first step is read before this function returns, so
+    /// that a file that is damaged at the start of the range gives an error instead of an answer. A
+    /// later failure is logged and ends the stream with an error.
     ///
     /// # Errors
     /// [`ServiceError::FileLost`].
@@ -76,11 +76,11 @@ impl Content {
 }
 
 impl Service {
-    /// Opens the marked file of a record, from the store.
+    /// Opens the marked file of a record in the store.
     ///
     /// # Errors
-    /// [`ServiceError::FileNotKept`]; [`ServiceError::FileLost`] where it should be and is not, or
-    /// is another file.
+    /// [`ServiceError::FileNotKept`]; [`ServiceError::FileLost`] when the file should be in the
+    /// store and is missing, or is another file.
     pub async fn content(&self, record: &Record) -> Result<Content, ServiceError> {
         let id = record.id;
         if !record.file_kept {
@@ -98,7 +98,7 @@ impl Service {
         Ok(Content { id, bytes: record.marked_bytes, source: Source::Stored(file) })
     }
 
-    /// The record of a marked file that is kept and is in the store. Nothing of the file is read.
+    /// The record of a marked file that is kept and in the store. The file itself is not read.
     ///
     /// # Errors
     /// [`ServiceError::UnknownWatermark`], [`ServiceError::FileNotKept`],
@@ -115,8 +115,8 @@ impl Service {
         Ok(record)
     }
 
-    /// A marked file that is not kept, in a temporary file: a client that reads slowly must not
-    /// hold it in memory.
+    /// Writes a marked file that is not kept to a temporary file, so that a client that reads
+    /// slowly does not hold the file in memory.
     pub(super) async fn spooled(&self, id: Uuid, marked: Bytes) -> Result<Content, ServiceError> {
         let directory = self.spool_directory.clone();
         let bytes = marked.len() as u64;
@@ -131,7 +131,7 @@ impl Service {
     }
 }
 
-/// A marked file as it is stored.
+/// Packs a marked file for the store.
 pub(super) fn packed(marked: &[u8], sha256: &[u8; 32], stop: &Stop) -> Result<Bytes, ServiceError> {
     match marked::pack_until(marked, sha256, &|| stop.now()) {
         Err(MarkedError::Stopped) => Err(stop.reason().into()),

@@ -1,8 +1,9 @@
-//! Embed: mark a host, register the mark, hand out the file.
+//! Embed: marks a host, registers the mark, and hands out the file.
 //!
-//! The order of work: look for marks, mark and check (pool), blobs, one registry transaction, index, answer. What
-//! fails after the blobs removes them; what a crash leaves there is swept at the next start. The
-//! work is a task of its own: a client that hangs up leaves a whole record or none.
+//! The order of work: look for marks, mark and check (on the pool), blobs, one registry
+//! transaction, index, answer. A failure after the blobs removes them; the next start sweeps what a
+//! crash left. The work runs as a task of its own: a client that hangs up leaves a whole record or
+//! none.
 
 use std::sync::{Arc, OnceLock};
 
@@ -23,9 +24,9 @@ use crate::watermark::{BitCount, MarkKey, Message, Method, Strength};
 /// The scheme that this release embeds.
 const SCHEME: u16 = 1;
 
-/// Salts that a mark is tried with, one after the other, where the blind layer is refused: of ten keys on
-/// a gear whose norms are crowded four are, on a hammer four, on most meshes none. Each costs an embedding,
-/// and what was refused is charged for.
+/// Salts that are tried in turn where the blind layer is refused. Of ten keys, four are refused on
+/// a gear whose norms are crowded, four on a hammer, and none on most meshes. Each salt costs one
+/// embedding, and refused tries are charged for.
 pub const SALTS: u32 = 4;
 
 /// What to embed, and into what.
@@ -35,19 +36,19 @@ pub struct EmbedRequest {
     pub file: Spooled,
     /// Whose mark it is.
     pub owner_id: Text,
-    /// To whom this copy goes.
+    /// The recipient of this copy.
     pub recipient: Option<Text>,
     /// Free text.
     pub label: Option<Text>,
-    /// How.
+    /// The embedding method.
     pub method: Method,
-    /// Which layers; by default both where the host is kept, else the blind one.
+    /// The layers; by default both if the host is kept, otherwise the blind layer.
     pub layers: Option<Layers>,
-    /// How strongly the blind layer; with `max_distortion`, at most how strongly.
+    /// The strength of the blind layer; with `max_distortion`, its upper limit.
     pub strength: Option<Strength>,
-    /// Mark as strongly as this allows.
+    /// The distortion within which to mark as strongly as possible.
     pub max_distortion: Option<MaxDistortion>,
-    /// How many bits.
+    /// Number of bits.
     pub bits: BitCount,
     /// The message; random when the caller gives none.
     pub payload: Option<Vec<u8>>,
@@ -57,9 +58,9 @@ pub struct EmbedRequest {
     pub keep_host: bool,
     /// What to do when the host already carries a registered mark.
     pub on_existing: OnExisting,
-    /// Formats that the caller takes back; a host of another is refused before any work.
+    /// Formats that the caller accepts. A host of another format is refused before any work.
     pub formats: Vec<Format>,
-    /// The caller's key for retries.
+    /// The caller's idempotency key.
     pub idempotency_key: Option<String>,
 }
 
@@ -70,17 +71,17 @@ pub struct Embedded {
     pub record: Record,
     /// The marked file.
     pub content: Content,
-    /// An earlier request with the same idempotency key made it.
+    /// Whether an earlier request with the same idempotency key made it.
     pub replayed: bool,
 }
 
 impl Service {
-    /// Marks a host and registers the mark, or answers a retry with what it made before.
+    /// Marks a host and registers the mark, or answers a retry with the earlier result.
     ///
     /// # Errors
     /// [`ServiceError`]; then nothing is registered and nothing is kept.
     pub async fn embed(self: &Arc<Self>, request: EmbedRequest) -> Result<Embedded, ServiceError> {
-        // Cheap refusals first.
+        // Cheap refusals come first.
         if let Some(key) = &request.idempotency_key {
             idempotency::check_key(key)?;
         }
@@ -156,8 +157,8 @@ impl Service {
             (Err(_), Force::Exactly(..)) => SALTS,
             (Err(_), Force::Within(..)) => most_tries(SALTS),
         };
-        // Whatever is registered next for this host and owner has been chosen among these. The host is
-        // known by its geometry: a comment more makes another file.
+        // The next mark that is registered for this host and owner was chosen among these tries.
+        // The host is identified by its geometry, because an added comment changes the file.
         if refused > 0
             && let Some(geometry) = geometry.get()
         {
@@ -201,7 +202,7 @@ impl Service {
             existing_marks,
             file_kept: done.packed.is_some(),
             host_kept: done.host.is_some(),
-            // Whole microseconds: what the registry keeps.
+            // In whole microseconds, the resolution of the registry.
             created_at: now()?,
             revoked_at: None,
         };
@@ -210,7 +211,7 @@ impl Service {
             self.register(&record, Some(file), host, idempotency).await?;
             self.content(&record).await?
         } else {
-            // Before it is registered: it may not fit on the disk.
+            // Written before the registration, because it may not fit on the disk.
             let content = self.spooled(id, marked).await?;
             self.register(&record, None, host, idempotency).await?;
             content
@@ -226,7 +227,7 @@ impl Service {
         let record = self.live_record(entry).await?;
         takes(&request.formats, record.format)?;
         let content = self.made_before(request, record).await?;
-        // It may have been revoked while the file was fetched or made again.
+        // The mark may have been revoked while the file was fetched or made again.
         let record = self.live_record(entry).await?;
         Ok(Embedded { record, content, replayed: true })
     }
@@ -241,7 +242,7 @@ impl Service {
         }
     }
 
-    /// The marked file of a record: from the store, or made again from its host.
+    /// The marked file of a record: from the store, or made again from the uploaded host.
     async fn made_before(
         self: &Arc<Self>,
         request: EmbedRequest,
@@ -286,7 +287,7 @@ impl Service {
     }
 }
 
-/// Refuses a file that the caller does not take back.
+/// Refuses a format that the caller does not accept.
 pub(super) fn takes(formats: &[Format], format: Format) -> Result<(), ServiceError> {
     if formats.contains(&format) { Ok(()) } else { Err(ServiceError::FormatNotTaken(format)) }
 }

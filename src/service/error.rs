@@ -1,4 +1,4 @@
-//! What a use case can refuse. One variant per cause; must not know about HTTP.
+//! The errors of the use cases, one variant per cause. Must not know about HTTP.
 
 use std::time::Duration;
 
@@ -14,27 +14,27 @@ use crate::marking::MarkError;
 use crate::registry::RegistryError;
 use crate::watermark::WatermarkError;
 
-/// Why a request was not done.
+/// Why a request was refused or failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
-    /// A parameter that cannot be used.
+    /// A parameter has a value that cannot be used.
     #[error("{parameter}: {reason}")]
     InvalidParameter {
         /// Its name in requests.
         parameter: &'static str,
-        /// What is wrong and what would be right.
+        /// What is wrong, and which values are right.
         reason: String,
     },
     /// The file cannot be read as a mesh.
     #[error(transparent)]
     Format(#[from] FormatError),
-    /// The host is of a format that the caller does not take back.
+    /// The format of the host is not among those that the caller accepts.
     #[error("the file is {}, which the caller does not take back", .0.extension())]
     FormatNotTaken(Format),
     /// The mesh cannot be marked or read.
     #[error(transparent)]
     Watermark(#[from] WatermarkError),
-    /// The marked file did not read back: a bug, caught before anything was handed out.
+    /// The marked file did not read back. This is a bug, caught before anything was handed out.
     #[error("the marked file failed its check and was not handed out: {0}")]
     Check(String),
     /// The mesh has too few vertices for any layer. The text has the figures.
@@ -43,19 +43,19 @@ pub enum ServiceError {
     /// No mark stays within the distortion that the request allows. The text has the figures.
     #[error("max_distortion: {0}")]
     DistortionUnreachable(String),
-    /// No such record.
+    /// There is no such record.
     #[error("there is no watermark {0}; list the known ones with GET /v1/watermarks")]
     UnknownWatermark(Uuid),
-    /// No such verification.
+    /// There is no such verification.
     #[error("there is no verification {0}")]
     UnknownVerification(Uuid),
-    /// The record is there, its file is not.
+    /// The record exists; its marked file was not kept.
     #[error(
         "the marked file of {0} was not kept; upload the host again with the same Idempotency-Key \
          and parameters to get the same bytes"
     )]
     FileNotKept(Uuid),
-    /// The marked file should be in the store, and is not, or not as it was.
+    /// The marked file should be in the store, and is missing or damaged.
     #[error(
         "the marked file of {id} was kept and cannot be read now ({reason}); tell the operator: \
          a backup of the data directory has it, and sending the host again with the same \
@@ -64,19 +64,19 @@ pub enum ServiceError {
     FileLost {
         /// The record.
         id: Uuid,
-        /// What is wrong with it.
+        /// What is wrong with the file.
         reason: String,
     },
-    /// The idempotency key stands for another request.
+    /// The idempotency key was used for another request.
     #[error(
         "this Idempotency-Key was used for another request (other parameters or another file); use \
          a new key"
     )]
     IdempotencyConflict,
-    /// A request with this idempotency key runs now.
+    /// A request with this idempotency key is running.
     #[error("a request with this Idempotency-Key is being worked on; try again shortly")]
     IdempotencyInProgress,
-    /// The idempotency key stands for a mark that was revoked.
+    /// The idempotency key belongs to a mark that was revoked.
     #[error(
         "the Idempotency-Key {key:?} stands for the watermark {id}, which was revoked at {at}: its \
          file is not handed out again. To mark the file anew, send the request with another \
@@ -90,16 +90,16 @@ pub enum ServiceError {
         /// When it was revoked.
         at: Timestamp,
     },
-    /// What the request asks about has no mark that can be searched for.
+    /// No mark that the request asks about can be searched for.
     #[error("there is nothing to compare the file with: {0}")]
     NothingToCompare(String),
-    /// The file was not kept and this version marks it differently.
+    /// The marked file was not kept, and this version would mark the host differently.
     #[error(
         "the record {0} exists, but its marked file was not kept and cannot be made again; use a \
          new Idempotency-Key"
     )]
     CannotRemake(Uuid),
-    /// The host already carries these marks, and the request wants none there.
+    /// The host already carries these marks, and the request rejects such hosts.
     #[error(
         "the file already carries a registered mark ({}); mark its original, or send \
          on_existing=warn to add a mark beside",
@@ -109,27 +109,27 @@ pub enum ServiceError {
     /// The pool did not run the job.
     #[error(transparent)]
     Job(#[from] JobError),
-    /// Too many uploads, or too large ones, are on their way.
+    /// Too many uploads are on their way, or too many bytes of them.
     #[error("{0}; try again shortly")]
     UploadsFull(String),
-    /// The disk is full, or nearly.
+    /// The disk is full, or nearly full.
     #[error(
         "the disk of the service is full ({0}); nothing was registered; try again later, or tell \
          the operator"
     )]
     StorageFull(String),
-    /// A bug or a broken machine: the text is for the log.
+    /// A bug or a fault of the machine. The text is for the log.
     #[error("{0}")]
     Internal(String),
 }
 
-/// Ids, one after the other.
+/// The ids, separated by commas.
 fn listed(ids: &[Uuid]) -> String {
     ids.iter().map(Uuid::to_string).collect::<Vec<_>>().join(", ")
 }
 
 impl ServiceError {
-    /// When the same request may work.
+    /// The time after which the same request may succeed.
     #[must_use]
     pub fn retry_after(&self) -> Option<Duration> {
         match self {
@@ -194,7 +194,8 @@ impl From<RegistryError> for ServiceError {
     }
 }
 
-/// Whether an error, or what caused it, is that the disk has no room (or its user no more of it).
+/// Whether an error, or one of its causes, says that the disk is full or that the user's quota is
+/// used up.
 fn is_full(error: &(dyn std::error::Error + 'static)) -> bool {
     use std::io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
     let causes = std::iter::successors(Some(error), |error| error.source());

@@ -1,4 +1,4 @@
-//! Marks that a host already carries: whose they are, and what a request wants done about them.
+//! Marks that a host already carries: their owners, and what a request wants done about them.
 //!
 //! Must not know how marks are found.
 
@@ -14,17 +14,17 @@ use crate::registry::ExistingMark;
 /// What to do when the host already carries a registered mark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OnExisting {
-    /// Refuse.
+    /// Refuse the request.
     Reject,
-    /// Mark it, and name the marks found in the answer.
+    /// Mark it, and name the found marks in the answer.
     #[default]
     Warn,
-    /// Mark it without a word. (The record names the marks found, as always.)
+    /// Mark it, and do not name the found marks in the answer. The record names them, as always.
     Allow,
 }
 
 impl OnExisting {
-    /// All of them, the strictest first.
+    /// All values, the strictest first.
     pub const ALL: [Self; 3] = [Self::Reject, Self::Warn, Self::Allow];
 
     /// Its name in requests.
@@ -37,7 +37,7 @@ impl OnExisting {
         }
     }
 
-    /// Whether the marks that were found may be there.
+    /// Refuses if the found marks may not be there.
     pub(super) fn permits(self, found: &[CarriedMark]) -> Result<(), ServiceError> {
         if self == Self::Reject && !found.is_empty() {
             return Err(ServiceError::AlreadyMarked(found.iter().map(|seen| seen.id).collect()));
@@ -64,19 +64,20 @@ impl FromStr for OnExisting {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct CarriedMark {
     pub(super) id: Uuid,
-    /// log10 of the bound, all hypotheses counted.
+    /// log10 of the false-positive bound, all hypotheses counted.
     pub(super) log10_fp: f64,
 }
 
-/// log10 of the bound on either of two errors, from those of each: their sum.
+/// log10 of the bound on either of two errors, from log10 of each bound. The bound is their sum.
 pub(super) fn either(a: f64, b: f64) -> f64 {
     let (more, less) = if a > b { (a, b) } else { (b, a) };
     (more + 10_f64.powf(less - more).ln_1p() / std::f64::consts::LN_10).min(0.0)
 }
 
 impl Service {
-    /// Whose marks these are, and those that their own hosts carried: they may be overwritten. One
-    /// that was revoked in the meantime is on the host all the same.
+    /// The owners of these marks, and the marks that the hosts of these marks carried: those may be
+    /// overwritten. A mark that was revoked in the meantime is listed too, because the host still
+    /// carries it.
     pub(super) async fn owned(
         &self,
         seen: &[CarriedMark],
@@ -85,7 +86,7 @@ impl Service {
         for &CarriedMark { id, log10_fp } in seen {
             let record = self.registry.record(id).await?;
             let record = record.ok_or(ServiceError::UnknownWatermark(id))?;
-            // The search charged it as a record that was not chosen.
+            // The search charged the record as if it had not been chosen.
             let charge = Charge::new(&self.registry.tally(id).await?, None, false);
             let more = charge.factor() / Charge::default().factor();
             let log10_fp = (log10_fp + libm::log10(more)).min(0.0);

@@ -1,32 +1,34 @@
-//! Families of hosts: a marked file that was marked again as a host, and the host it came from.
+//! Families of hosts: a host, and the hosts that are marked files of it.
 //!
-//! The sketch of such a host depends on the mark that it carried. Were it listed for itself, then where
-//! the older host stands on a short list, or whether it stands there at all, would depend on the
-//! codewords of its own records: how often its parts are shared, who comes before whom, who is cut off.
-//! But the share of the error probability of a record may not depend on its codeword. So a family takes
-//! its place by one sketch, that of its eldest host, which carries no mark of the family, and all its
-//! members are looked at there, in order of registration, each with a fixed share of the family's
-//! (`verify::shortlist`). A host that carries marks of several families is in that of the eldest host.
+//! The sketch of a marked file depends on the mark that it carries. If such a host were listed by
+//! its own sketch, the rank of the older host on a short list, or whether it is listed at all,
+//! would depend on the codewords of the older host's records: through the number of hosts that
+//! share its parts, through the order, and through the cut at the end. But the error share of a
+//! record must not depend on the record's codeword. So a family has one rank on the list, by the
+//! sketch of its eldest host, which carries no mark of the family. All members are searched at that
+//! rank, in order of registration, each with a fixed part of the family's error share
+//! (`verify::shortlist`). A host that carries marks of several families belongs to the family of
+//! the eldest host.
 //!
-//! Who descends from whom is what records say of the marks that their hosts carried. Must not know how
-//! hosts are compared.
+//! Descent follows from the records, which name the marks that their hosts carried. Must not know
+//! how hosts are compared.
 
 use std::collections::HashMap;
 
 use super::hosts::HostKey;
 
-/// Hosts that are there, in order of registration, and what they descend from.
+/// The hosts in order of registration, and the hosts that each descends from.
 #[derive(Debug, Default)]
 pub(super) struct Families {
-    /// Which host came how early.
+    /// The position of each host in the order of registration.
     order: HashMap<HostKey, u64>,
     next: u64,
-    /// Hosts whose marks a host carried, there or not.
+    /// For each host, the hosts whose marks it carried, in the index or not.
     parents: HashMap<HostKey, Vec<HostKey>>,
 }
 
 impl Families {
-    /// Notes that one descends from another.
+    /// Notes that `host` descends from `from`.
     pub(super) fn descends(&mut self, host: HostKey, from: HostKey) {
         let parents = self.parents.entry(host).or_default();
         if host != from && !parents.contains(&from) {
@@ -34,7 +36,7 @@ impl Families {
         }
     }
 
-    /// Adds a host, after all that are there.
+    /// Adds a host, after all hosts that are in the index.
     pub(super) fn insert(&mut self, host: HostKey) {
         if !self.order.contains_key(&host) {
             self.order.insert(host, self.next);
@@ -42,17 +44,17 @@ impl Families {
         }
     }
 
-    /// Takes a host out. Who descends from it descends from its parents all the same.
+    /// Removes a host. Hosts that descend from it still descend from its parents.
     pub(super) fn remove(&mut self, host: HostKey) {
         self.order.remove(&host);
     }
 
-    /// Where a host stands in the order of registration.
+    /// The position of a host in the order of registration.
     pub(super) fn place(&self, host: HostKey) -> u64 {
         self.order.get(&host).copied().unwrap_or(u64::MAX)
     }
 
-    /// The eldest of those that are there which a host descends from; itself where there is none.
+    /// The eldest host in the index that `host` descends from; `host` itself if there is none.
     pub(super) fn eldest(&self, host: HostKey) -> HostKey {
         let (mut seen, mut at) = (vec![host], 0);
         while let Some(next) = seen.get(at) {
@@ -81,7 +83,7 @@ mod tests {
         for host in [1, 2, 3, 4, 5] {
             families.insert(key(host));
         }
-        // 3 was made of 1; 4 of 3 and 2; 2 and 5 are nobody's.
+        // 3 is a marked file of 1; 4 is one of 3 and of 2; 2 and 5 are marked files of no host.
         families.descends(key(3), key(1));
         families.descends(key(4), key(2));
         families.descends(key(4), key(3));
@@ -94,7 +96,7 @@ mod tests {
         for (host, expected) in [(2, 2), (3, 3), (4, 2)] {
             assert_eq!(eldest(&families, host), key(expected), "{host}");
         }
-        // Back again it is the youngest; a circle has an end.
+        // A host that is inserted again is the youngest. A cycle of descent ends.
         families.insert(key(1));
         families.descends(key(1), key(4));
         assert_eq!((eldest(&families, 3), eldest(&families, 1)), (key(2), key(2)));

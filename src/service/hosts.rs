@@ -1,9 +1,9 @@
-//! The hosts in memory: what a short list is drawn from.
+//! The hosts in memory, from which short lists are drawn.
 //!
-//! Copies of one host for many recipients are one host here, by the key of its geometry: whichever file
-//! it came in. Sketches are of hosts, and of those that were marked files once, of the eldest they came
-//! from (`families`): a short list must not depend on codewords. Must not know how what is on a short
-//! list is scored.
+//! Copies of one host for many recipients are one host here, by the key of its geometry, whatever
+//! file it came in. Each host has a sketch. A host that is a marked file is found by the sketch of
+//! the eldest host that it descends from (`families`), because a short list must not depend on
+//! codewords. Must not know how the hosts of a short list are scored.
 
 use std::collections::HashMap;
 use std::sync::{PoisonError, RwLock};
@@ -18,7 +18,7 @@ use super::{Service, StartError};
 use crate::registration::{GeometryIndex, Probe, Sketch};
 use crate::registry::Record;
 
-/// A host, by the first half of the key of its geometry.
+/// A host, named by the first half of the key of its geometry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) struct HostKey(u128);
 
@@ -37,21 +37,21 @@ impl HostKey {
 /// Rows per batch at the start.
 const ROWS: u32 = 4096;
 
-/// Where the suspect shares connectivity or lengths with so few hosts in common, chance does it.
+/// Fewest hits by shared connectivity or lengths that count: fewer are likely to be chance.
 const LEAST_HITS: u32 = 2;
 
 #[derive(Default)]
 struct Inner {
     geometry: GeometryIndex,
-    /// Records of each host, in the order of their registration or nearly.
+    /// Records of each host, approximately in the order of their registration.
     records: HashMap<HostKey, Vec<Uuid>>,
     families: Families,
-    /// Sketches of hosts that are found by an elder's.
+    /// Sketches of hosts that are found by the sketch of an elder host.
     younger: HashMap<HostKey, Sketch>,
 }
 
 impl Inner {
-    /// Puts the sketch of a host where it belongs.
+    /// Puts the sketch of a host into the index, or among the sketches of the younger hosts.
     fn place(&mut self, key: HostKey, sketch: Sketch) {
         self.geometry.remove(key.0);
         if self.families.eldest(key) == key {
@@ -70,13 +70,14 @@ impl Inner {
     }
 }
 
-/// All hosts whose geometry is kept, shared. A panic while it was held leaves it searchable, so
-/// poisoning is ignored.
+/// All hosts whose geometry is kept, shared by all requests. A panic under the lock leaves the
+/// index searchable, so a poisoned lock is ignored.
 #[derive(Default)]
 pub(super) struct Hosts(RwLock<Inner>);
 
 impl Hosts {
-    /// Adds a record whose host is kept, and carried marks of `parents`.
+    /// Adds a record whose host is kept. `parents` are the geometries of the hosts whose marks that
+    /// host carried.
     pub(super) fn insert(&self, record: &Record, sketch: Option<Sketch>, parents: &[[u8; 32]]) {
         let Some(key) = HostKey::of(record) else { return };
         let mut inner = self.0.write().unwrap_or_else(PoisonError::into_inner);
@@ -94,7 +95,7 @@ impl Hosts {
         }
     }
 
-    /// Takes a record out, and its host with the last of them.
+    /// Removes a record, and its host with the last record.
     pub(super) fn remove(&self, record: &Record) {
         let Some(key) = HostKey::of(record) else { return };
         let mut inner = self.0.write().unwrap_or_else(PoisonError::into_inner);
@@ -105,7 +106,7 @@ impl Hosts {
             inner.geometry.remove(key.0);
             inner.younger.remove(&key);
             inner.families.remove(key);
-            // Those that were found by its sketch.
+            // Hosts that were found by the sketch of the removed host.
             let orphans: Vec<HostKey> = inner.younger.keys().copied().collect();
             for orphan in orphans
                 .into_iter()
@@ -119,24 +120,24 @@ impl Hosts {
         }
     }
 
-    /// How many there are.
+    /// Number of hosts.
     pub(super) fn len(&self) -> usize {
         self.0.read().unwrap_or_else(PoisonError::into_inner).records.len()
     }
 
-    /// The records of a host, in the order of their registration or nearly.
+    /// The records of a host, approximately in the order of their registration.
     pub(super) fn records_of(&self, key: HostKey) -> Vec<Uuid> {
         let inner = self.0.read().unwrap_or_else(PoisonError::into_inner);
         inner.records.get(&key).cloned().unwrap_or_default()
     }
 
-    /// The eldest of a host's family.
+    /// The eldest host of a host's family.
     pub(super) fn eldest(&self, key: HostKey) -> HostKey {
         self.0.read().unwrap_or_else(PoisonError::into_inner).families.eldest(key)
     }
 
-    /// The hosts that look most like the suspect, likeliest first: by shared parts, then by descriptor. A
-    /// family stands where its eldest host does, in order of registration.
+    /// The hosts that are most like the suspect, likeliest first: by shared parts, then by shape
+    /// descriptor. A family is listed at the rank of its eldest host, in order of registration.
     pub(super) fn shortlist(&self, probe: &Probe, most: usize) -> Vec<HostKey> {
         let inner = self.0.read().unwrap_or_else(PoisonError::into_inner);
         let parts = inner.geometry.by_parts(probe, most);
@@ -160,7 +161,7 @@ impl Hosts {
 }
 
 impl Service {
-    /// Fills the list of hosts.
+    /// Fills the index of hosts.
     pub(super) async fn load_hosts(&self) -> Result<(), StartError> {
         let end = self.registry.last_row().await?;
         let mut records: HashMap<HostKey, Vec<Uuid>> = HashMap::new();
@@ -170,7 +171,7 @@ impl Service {
         while start < end {
             for (id, geometry) in self.registry.hosts(start, start + step).await? {
                 let key = HostKey::new(&geometry);
-                // Rows are in the order of registration; ids need not be.
+                // Rows are in the order of registration; ids may be in another.
                 families.insert(key);
                 records.entry(key).or_default().push(id);
             }
@@ -231,8 +232,8 @@ mod tests {
         Record { host_geometry: Some([host; 32]), host_kept: true, ..sample_record() }
     }
 
-    /// Whatever a mark made of the file that was registered as a host later, and so whatever its sketch:
-    /// older hosts stand on the list where they stood without it.
+    /// Older hosts keep their ranks on the list, whatever the sketch of a host that is a marked
+    /// file.
     #[test]
     fn a_marked_file_that_becomes_a_host_moves_nobody_on_the_list() {
         let keys = [1, 2, 3].map(|host| HostKey::new(&[host; 32]));
@@ -253,7 +254,7 @@ mod tests {
                 assert_eq!(hosts.eldest(keys[2]), keys[0]);
             }
             lists.push(list.into_iter().filter(|&key| key != keys[2]).collect::<Vec<_>>());
-            // When its elder is gone it is found for itself.
+            // Without its elder, the host is found by its own sketch.
             hosts.remove(&eldest);
             assert_eq!(hosts.eldest(keys[2]), keys[2]);
             let alone = hosts.shortlist(&probe, 8);

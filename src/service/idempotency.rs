@@ -1,7 +1,7 @@
 //! Idempotency keys: a retry gets the same record and the same bytes.
 //!
-//! The registry remembers keys that were used; [`InProgress`] those that are being used now, so
-//! that of two equal requests at the same time only one works.
+//! The registry remembers the keys that were used. [`InProgress`] holds the keys in use now, so
+//! that only one of two equal requests at the same time does the work.
 
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,11 +13,11 @@ use super::{OnExisting, ServiceError};
 
 type Key = (String, String);
 
-/// Keys of requests that run now.
+/// Keys of requests that are running.
 #[derive(Debug, Clone, Default)]
 pub(super) struct InProgress(Arc<Mutex<HashSet<Key>>>);
 
-/// Holds a key until it is dropped.
+/// Holds a key until dropped.
 #[derive(Debug)]
 pub(super) struct Holding {
     keys: InProgress,
@@ -41,7 +41,7 @@ impl Drop for Holding {
     }
 }
 
-/// A key: 1 to 255 visible ASCII characters.
+/// Refuses a key that is not 1 to 255 visible ASCII characters.
 pub(super) fn check_key(key: &str) -> Result<(), ServiceError> {
     if (1..=255).contains(&key.len()) && key.bytes().all(|byte| byte.is_ascii_graphic()) {
         return Ok(());
@@ -52,8 +52,8 @@ pub(super) fn check_key(key: &str) -> Result<(), ServiceError> {
     })
 }
 
-/// SHA-256 over everything that decides the answer. Each part goes in with its length, so that
-/// no two requests run together into the same bytes.
+/// SHA-256 over everything that decides the answer. Each part is preceded by its length, so that no
+/// two requests give the same bytes.
 pub(super) fn fingerprint(request: &EmbedRequest) -> [u8; 32] {
     let mut hash = Sha256::new();
     let mut part = |bytes: Option<&[u8]>| {
@@ -71,8 +71,9 @@ pub(super) fn fingerprint(request: &EmbedRequest) -> [u8; 32] {
     part(request.payload.as_deref());
     part(Some(&[u8::from(request.keep_file), u8::from(request.keep_host)]));
     part(Some(&request.file.sha256));
-    // Only where it is given, so that requests of before it existed keep their fingerprints. With
-    // it, a strength that is given is an upper bound and one that is not is none.
+    // Hashed only when given, so that requests from before this field existed keep their
+    // fingerprints. With a limit, a given strength is an upper bound, and a strength that is not
+    // given sets none.
     if let Some(limit) = request.max_distortion {
         part(Some(&limit.get().to_le_bytes()));
         part(Some(&[u8::from(request.strength.is_some())]));
@@ -80,7 +81,7 @@ pub(super) fn fingerprint(request: &EmbedRequest) -> [u8; 32] {
     if let Some(layers) = request.layers {
         part(Some(layers.name().as_bytes()));
     }
-    // Likewise.
+    // Hashed only when it is not the default, for the same reason.
     if request.on_existing != OnExisting::default() {
         part(Some(request.on_existing.name().as_bytes()));
     }

@@ -1,4 +1,4 @@
-//! Inspect: what a file is and how well it can carry a mark. Registers nothing.
+//! Inspect: says what a file is and how well it can carry a mark. Registers nothing.
 
 use super::memory::{self, Purpose};
 use super::{Service, ServiceError, Spooled};
@@ -7,14 +7,14 @@ use crate::formats::Asset;
 use crate::marking::{Inspection, MarkError, inspect_asset_until};
 use crate::watermark::EmbedParams;
 
-/// What was found.
+/// The result of an inspection.
 #[derive(Debug)]
 pub struct Inspected {
-    /// The file's hash.
+    /// SHA-256 of the file.
     pub sha256: [u8; 32],
-    /// Its length.
+    /// Length of the file in bytes.
     pub bytes: u64,
-    /// What the core says.
+    /// The findings of the core.
     pub inspection: Inspection,
     /// What a mark is expected to survive.
     pub expected: Vec<Expected>,
@@ -24,7 +24,7 @@ impl Service {
     /// Reads a file and says how well it can carry a mark.
     ///
     /// # Errors
-    /// [`ServiceError`]: the file cannot be read.
+    /// [`ServiceError`] when the file cannot be read.
     pub async fn inspect(
         &self,
         file: Spooled,

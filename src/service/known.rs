@@ -1,6 +1,6 @@
-//! The marks in memory: codewords of all live records, kept in step with the registry.
+//! The marks in memory: the codewords of all live records, in agreement with the registry.
 //!
-//! Codewords are derived here and nowhere stored. Must not know how they are scored.
+//! Codewords are derived here and stored nowhere. Must not know how they are scored.
 
 use std::collections::HashSet;
 use std::sync::{PoisonError, RwLock};
@@ -18,7 +18,7 @@ pub(super) type Mark = (u128, Modulation, Codeword);
 /// The codeword that a record's file carries.
 ///
 /// # Errors
-/// [`ServiceError::Internal`] when the master key is not there, or the record's message is not one.
+/// [`ServiceError::Internal`] when the master key is missing, or the record's message is not valid.
 pub(super) fn codeword(keys: &KeyRing, source: &MarkSource) -> Result<Codeword, ServiceError> {
     let key = mark_key(keys, &source.key_id, &source.salt, &source.owner_id)?;
     let message = Message::from_bytes(&source.message, source.bits)
@@ -35,17 +35,17 @@ pub(super) fn mark_key(
     Ok(MarkKey::from_bytes(*keys.mark_key(key_id, salt, owner_id)?))
 }
 
-/// An index of codewords by record id, shared. A search works on a clone of it (which shares the
-/// rows), so that nobody waits for a search and a record is seen by every search that begins after
-/// it was registered.
+/// The index of codewords by record id, shared by all requests. A search works on a clone, which
+/// shares the rows. So nobody waits for a search, and every search that begins after a registration
+/// finds the record.
 ///
-/// A panic while it was held cannot leave it half changed in a way that matters more than refusing
-/// all requests would, so poisoning is ignored.
+/// A poisoned lock is ignored: what a panic could leave half changed matters less than refusing all
+/// requests.
 #[derive(Default)]
 pub(super) struct Known(RwLock<CodewordIndex>);
 
 impl Known {
-    /// All marks, as they are now.
+    /// All marks at this moment.
     pub(super) fn marks(&self) -> CodewordIndex {
         self.0.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -55,7 +55,7 @@ impl Known {
         index.insert(record.id.as_u128(), record.method.modulation(), codeword);
     }
 
-    /// Adds many that are not there, in any order.
+    /// Adds many marks that the index does not have yet, in any order.
     pub(super) fn extend(&self, marks: Vec<Mark>) {
         self.0.write().unwrap_or_else(PoisonError::into_inner).extend(marks);
     }
@@ -66,7 +66,7 @@ impl Known {
         index.remove(record.id.as_u128(), key);
     }
 
-    /// Whether any of these records (ascending) is searched for.
+    /// Whether any of these records is searched for. The ids are ascending.
     pub(super) fn has_any(&self, ids: &[u128]) -> bool {
         !self.marks().only(ids).is_empty()
     }
@@ -76,7 +76,7 @@ impl Known {
     }
 }
 
-/// Live marks that cannot be searched for: their master key is not there, mostly.
+/// Live marks that cannot be searched for, mostly because their master key is missing.
 #[derive(Default)]
 pub(super) struct Unreadable(RwLock<HashSet<Uuid>>);
 
@@ -94,7 +94,7 @@ impl Unreadable {
     }
 }
 
-/// The codeword of a source, as the index takes it.
+/// The mark of a source, in the form that the index takes.
 pub(super) fn mark(keys: &KeyRing, source: &MarkSource) -> Result<Mark, ServiceError> {
     let codeword = codeword(keys, source)?;
     Ok((source.id.as_u128(), source.method.modulation(), codeword))

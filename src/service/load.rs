@@ -1,7 +1,7 @@
-//! Loading: the codewords of all live records, derived at the start.
+//! Loading: derives the codewords of all live records at the start.
 //!
-//! Reading and deriving overlap: batches of rows are read on several connections while others are
-//! derived on several threads, and enter the index in order.
+//! Reading and deriving overlap: some batches of rows are read on several connections while others
+//! are derived on several threads. The batches enter the index in order.
 
 use std::sync::Arc;
 
@@ -13,10 +13,10 @@ use uuid::Uuid;
 use super::{Service, ServiceError, StartError, known};
 use crate::registry::MarkSource;
 
-/// Rows of a batch.
+/// Rows per batch.
 const ROWS: i64 = 8_192;
 
-/// Batches on their way at once.
+/// Batches that are worked on at once.
 const BATCHES: usize = 4;
 
 impl Service {

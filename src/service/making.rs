@@ -1,5 +1,6 @@
-//! Making a marked file on the pool: read the host, look what it carries, mark it, measure and pack the
-//! result. Must not know about records, or what is registered.
+//! Making a marked file on the pool: reads the host, looks for marks that the host carries, marks
+//! the host, then measures and packs the result. Must not know about records, or what is
+//! registered.
 
 use std::sync::{Arc, OnceLock};
 
@@ -24,11 +25,11 @@ use crate::registration::{Shape, Sketch};
 use crate::registry::Quality;
 use crate::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength, WatermarkError};
 
-/// What the pool hands back.
+/// The result of the pool's work.
 pub(super) struct Done {
     pub(super) marked: Bytes,
     pub(super) marked_sha256: [u8; 32],
-    /// As it is stored, where it is kept.
+    /// The file as it is stored, if it is kept.
     pub(super) packed: Option<Bytes>,
     pub(super) host: Option<KeptHost>,
     pub(super) format: Format,
@@ -39,12 +40,12 @@ pub(super) struct Done {
     pub(super) layers: Layers,
     pub(super) amplitude: Option<Amplitude>,
     pub(super) strength: Strength,
-    /// Which of the keys marked it.
+    /// Index of the key that marked it.
     pub(super) key: usize,
-    /// Codewords and strengths that were tried before.
+    /// Number of codewords and strengths that were tried before.
     pub(super) refused: u32,
     pub(super) quality: Quality,
-    /// Marks that the host carried; none where nobody looked.
+    /// Marks that the host carried; none if the host was not searched.
     pub(super) existing: Option<Vec<CarriedMark>>,
 }
 
@@ -53,7 +54,7 @@ pub(super) struct Done {
 pub(super) enum Force {
     /// With this strength of the blind layer and this amplitude of the relief.
     Exactly(Strength, Amplitude),
-    /// As strongly as the distortion allows, the blind layer at most with this strength.
+    /// As strongly as the distortion allows; the blind layer with at most this strength.
     Within(MaxDistortion, Strength),
 }
 
@@ -72,24 +73,25 @@ impl Force {
 /// One marking.
 pub(super) struct Making {
     pub(super) file: Spooled,
-    /// Formats that the caller takes back.
+    /// Formats that the caller accepts.
     pub(super) formats: Vec<Format>,
     pub(super) key: MarkKey,
-    /// Keys to go on with where the blind layer is refused.
+    /// Further keys, tried in order where the blind layer is refused.
     pub(super) others: Vec<MarkKey>,
     pub(super) message: Message,
     pub(super) how: (Method, BitCount, Force),
     pub(super) layers: Layers,
     pub(super) keep_host: bool,
     pub(super) keep_file: bool,
-    /// Without it nobody looks what the host carries.
+    /// What to do about marks that the host carries. Without it the host is not searched for marks.
     pub(super) on_existing: Option<OnExisting>,
-    /// Receives the key of the host's geometry as soon as the host was read, whatever comes of it.
+    /// Receives the key of the host's geometry as soon as the host has been read, also when the
+    /// marking fails later.
     pub(super) geometry: Arc<OnceLock<[u8; 32]>>,
 }
 
 impl Service {
-    /// Reads the host, looks what it carries, marks it and measures the result.
+    /// Reads the host, looks for marks that it carries, marks it and measures the result.
     pub(super) async fn mark(self: &Arc<Self>, making: Making) -> Result<Done, ServiceError> {
         let Making { file, formats, key, others, message, how, layers, .. } = making;
         let Making { keep_host, keep_file, on_existing, geometry, .. } = making;
@@ -98,13 +100,13 @@ impl Service {
         let independent_check_max_bytes = self.config.independent_check_max_bytes;
         let start = match force {
             Force::Exactly(strength, _) => strength,
-            // Where most searches end near.
+            // Most searches end near this strength.
             Force::Within(_, strongest) if strongest < Strength::default() => strongest,
             Force::Within(..) => Strength::default(),
         };
         let service = self.clone();
         let slot = self.admit()?;
-        let (spooled, poses) = (Arc::new(file), on_existing.is_some());
+        let (spooled, searches_existing) = (Arc::new(file), on_existing.is_some());
         let file = spooled.clone();
         let (asset, host_key, looking) = self
             .run(&slot, spooled.bytes, move |allowed| {
@@ -116,7 +118,7 @@ impl Service {
                 let host_key = geometry::key_until(asset.mesh(), &stop);
                 let host_key = host_key.ok_or_else(|| allowed.stop().reason())?;
                 let host_key = *geometry.get_or_init(|| host_key);
-                let looking = if poses {
+                let looking = if searches_existing {
                     service.begin_looking(&asset, &host_key, allowed.stop())?
                 } else {
                     None
@@ -205,7 +207,7 @@ pub(super) fn layers_of(request: &EmbedRequest) -> Result<Layers, ServiceError> 
     Ok(layers)
 }
 
-/// Whether another codeword might have been marked with.
+/// Whether the marking might have succeeded with another codeword.
 pub(super) fn is_about_the_codeword(error: &ServiceError) -> bool {
     matches!(
         error,
@@ -217,14 +219,15 @@ pub(super) fn is_about_the_codeword(error: &ServiceError) -> bool {
     )
 }
 
-/// Geometry and sketch of a host.
+/// Geometry and sketch of a host, ready to be stored.
 fn kept(key: [u8; 32], host: &Mesh, stop: &Stop) -> Result<KeptHost, ServiceError> {
     let asked = || stop.now();
     let surface = Surface::new_until(host, &asked);
     let shape = surface.and_then(|surface| Shape::new_until(surface, &asked));
     let sketch = shape.and_then(|shape| Sketch::new_until(&shape, &asked));
     match geometry::pack_until(host, &asked) {
-        // What has no shape has no sketch; what was stopped has none either.
+        // A host without a shape has no sketch. A host whose processing was stopped has none
+        // either.
         _ if stop.now() => Err(stop.reason().into()),
         packed => Ok(KeptHost { key, geometry: packed?.into(), sketch }),
     }

@@ -1,35 +1,39 @@
-//! Memory that a job needs, from what was found in its file: a small upload may be a large mesh.
+//! The memory that a job needs, computed from the counts of its mesh: a small upload may hold a
+//! large mesh.
 //!
-//! Measured as the peak resident set of a service over generated meshes, beyond that of an idle one
-//! (`benches/memory.sh`); the model must not be below it.
+//! The figures are the peak resident set of a service over generated meshes, less that of an idle
+//! service (`benches/memory.sh`). The model must not be below them.
 
 use crate::mesh::Mesh;
 
-/// What a mesh is read for.
+/// The purpose for which a mesh is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Purpose {
     /// To be marked.
     Embed,
     /// To be compared with marks.
     Verify,
-    /// To be looked at, with a mark rehearsed.
+    /// To be inspected, with a rehearsal of the marking.
     Inspect,
-    /// As a host that a suspect is compared with.
+    /// As the host that a suspect is compared with.
     Host,
 }
 
-/// Bytes that a comparison takes whatever the sizes: what is read of a relief at one pose hypothesis.
+/// Bytes that a comparison takes whatever the sizes: the reading of a relief at one pose
+/// hypothesis.
 const PER_COMPARISON: u64 = 64 << 20;
 
-/// Triangles up to which an inspection rehearses a mark: `forecast` looks at no more.
+/// Most triangles of a mesh for which an inspection rehearses the marking: `forecast` does so
+/// for no larger one.
 const MOST_REHEARSED: u64 = 600_000;
 
 impl Purpose {
-    /// Bytes per vertex and per triangle. On closed meshes of 50,000 to 400,000 vertices, which have
-    /// twice as many triangles, marking took up to 966 bytes per vertex, 200 of them whatever the size, an
-    /// inspection with a rehearsal 1,481 and without 162, and suspect and host together 1,904 where they
-    /// are large. A host that fills its box (262,144 vertices in 64 sheets: most vertices are a node of
-    /// the relief of their own) took 2,382 with its suspect.
+    /// Bytes per vertex and per triangle. They were measured on closed meshes of 50,000 to 400,000
+    /// vertices, with twice as many triangles. Marking took up to 966 bytes per vertex, 200 of them
+    /// whatever the size. An inspection took 1,481 with a rehearsal and 162 without. A large
+    /// suspect and its host together took 1,904. A host that fills its box took 2,382 together with
+    /// its suspect: 262,144 vertices in 64 sheets, most of which are a node of the relief of their
+    /// own.
     fn bytes(self, triangles: u64) -> [u64; 2] {
         match self {
             Self::Embed | Self::Verify => [400, 180],
@@ -40,12 +44,12 @@ impl Purpose {
     }
 }
 
-/// Bytes that a job over a mesh needs, about.
+/// Bytes that a job over a mesh needs, approximately.
 pub(super) fn needed(mesh: &Mesh, purpose: Purpose) -> u64 {
     of(mesh.positions().len() as u64, mesh.triangles().len() as u64, purpose)
 }
 
-/// The same by its counts.
+/// The same from the counts of vertices and triangles.
 pub(super) fn of(vertices: u64, triangles: u64, purpose: Purpose) -> u64 {
     let [vertex, triangle] = purpose.bytes(triangles);
     let fixed = if purpose == Purpose::Verify { PER_COMPARISON } else { 0 };

@@ -1,7 +1,7 @@
-//! The use cases: embed, verify, inspect, and what is asked about records.
+//! The use cases: embed, verify, inspect, and the requests about records.
 //!
-//! Transactions and the order of work live here, nowhere else. Must not know about HTTP, nor how
-//! records and files are stored.
+//! Transactions and the order of work are decided here and nowhere else. Must not know about HTTP,
+//! nor how records and files are stored.
 
 mod admission;
 mod adopt;
@@ -65,33 +65,33 @@ pub use verify::{Depth, VerifyRequest};
 /// Records read from the registry at a time.
 const BATCH: u32 = 5_000;
 
-/// For tasks whose jobs were told to stop: removing files takes no longer.
+/// Longest wait for tasks whose jobs were told to stop: removing files takes no longer.
 const TIDY: Duration = Duration::from_secs(5);
 
 /// Why the service cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// Keys.
+    /// The master keys cannot be used.
     #[error(transparent)]
     Keys(#[from] KeyError),
-    /// Registry.
+    /// The registry cannot be opened.
     #[error(transparent)]
     Registry(#[from] RegistryError),
-    /// Blob store.
+    /// The blob store cannot be opened.
     #[error(transparent)]
     Blobs(#[from] BlobError),
-    /// The directory for uploads.
+    /// The directory for uploads cannot be prepared.
     #[error("the directory {path} cannot be prepared: {source}", path = path.display())]
     Directory {
         /// The directory.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// The codewords of the records.
+    /// The codewords of the records cannot be loaded.
     #[error("the marks of the registry cannot be loaded: {0}")]
     Load(String),
-    /// Files lie there, or were noted, and no registry knows of them.
+    /// The directory holds files, or a note of an earlier registry, but no registry with records.
     #[error(
         "the registry in {data} is missing or empty, but it is not a new data directory: {files} \
          files lie there. Put registry.sqlite back from its backup; or say --accept-registry to \
@@ -101,10 +101,11 @@ pub enum StartError {
     RegistryGone {
         /// The data directory.
         data: PathBuf,
-        /// Files.
+        /// How many files were found.
         files: usize,
     },
-    /// The registry was written to more often before.
+    /// The registry was written to less often than the note of the last service says: it is an
+    /// older one.
     #[error(
         "the registry in {data} is older than the one that served here last: {found} changes of \
          {noted} are in it. Put the newer one back; or say --accept-registry to go on without what \
@@ -114,12 +115,12 @@ pub enum StartError {
     OlderRegistry {
         /// The data directory.
         data: PathBuf,
-        /// Changes of this registry.
+        /// Number of changes that this registry has seen.
         found: u64,
-        /// Changes of the one that served last.
+        /// Number of changes of the registry that served last.
         noted: u64,
     },
-    /// The registry is another one.
+    /// The registry is not the one that served last.
     #[error(
         "the registry in {data} is not the one that served here last. Put that one back; or say \
          --accept-registry to serve with this one",
@@ -142,7 +143,7 @@ pub enum StartError {
         data: PathBuf,
         /// Files without a record.
         files: usize,
-        /// How many are taken for those of a crash.
+        /// How many files without a record a crash can leave.
         few: usize,
     },
     /// Master keys that records need are not there.
@@ -152,9 +153,9 @@ pub enum StartError {
         listed(keys)
     )]
     MissingKeys {
-        /// The keys, with the records that need them.
+        /// The missing keys, with the number of records that need them.
         keys: Vec<KeyUse>,
-        /// Where keys come from.
+        /// Where the keys were looked for.
         from: String,
     },
 }
@@ -164,7 +165,7 @@ fn listed(keys: &[KeyUse]) -> String {
     keys.iter().map(one).collect::<Vec<_>>().join(", ")
 }
 
-/// The service: everything that a request needs. Shared by all of them.
+/// The service: everything that a request needs. All requests share it.
 pub struct Service {
     config: Config,
     keys: KeyRing,
@@ -176,20 +177,21 @@ pub struct Service {
     hosts: hosts::Hosts,
     host_cache: verify::HostCache,
     in_progress: idempotency::InProgress,
-    /// Held by registrations side by side and by a revocation alone, from the registry's commit until
-    /// memory is in step with it. Without it a mark revoked between the two would be inserted after it
-    /// was removed, and found until the next start.
+    /// Registrations hold this lock shared, a revocation holds it alone, each from the registry's
+    /// commit until the marks in memory agree with the registry. Without the lock, a mark that is
+    /// revoked between the two steps of its registration would be inserted after it was removed,
+    /// and would be found until the next start.
     order: tokio::sync::RwLock<()>,
-    /// Work that outlives the connection it began on.
+    /// Work that goes on after its connection has ended.
     tasks: TaskTracker,
     spool_directory: PathBuf,
     uploads: Uploads,
-    /// Verdicts are not kept.
+    /// Whether the data directory is only read: then verdicts are not kept.
     only_reads: bool,
 }
 
 impl Service {
-    /// Opens everything under the data directory, makes what is not there, and loads the marks.
+    /// Opens everything under the data directory, creates what is missing, and loads the marks.
     ///
     /// # Errors
     /// [`StartError`], with a text for the operator.
@@ -202,8 +204,8 @@ impl Service {
         Ok(service)
     }
 
-    /// Opens an existing data directory for verifying alone: nothing in it is changed, verdicts
-    /// are not kept, and a running service is not disturbed.
+    /// Opens an existing data directory for verification only: nothing in the directory is changed,
+    /// verdicts are not kept, and a running service is not disturbed.
     ///
     /// # Errors
     /// [`StartError`], with a text for the operator.
@@ -284,25 +286,26 @@ impl Service {
         &self.config
     }
 
-    /// The worker pool, for its numbers and for refusing before an upload is read.
+    /// The worker pool, for its figures and for refusing a request before its upload is read.
     #[must_use]
     pub fn pool(&self) -> &Pool {
         &self.pool
     }
 
-    /// How many marks are searched.
+    /// Number of marks that are searched.
     #[must_use]
     pub fn marks(&self) -> usize {
         self.known.len()
     }
 
-    /// How many live marks cannot be searched for, because their master keys are missing.
+    /// Number of live marks that cannot be searched for because their master keys are missing.
     #[must_use]
     pub fn unreadable_marks(&self) -> usize {
         self.unreadable.len()
     }
 
-    /// Takes an upload on, before its bytes are read: it declares so many, or none.
+    /// Admits an upload before its bytes are read. `declared` is the length that the request
+    /// declares, if any.
     ///
     /// # Errors
     /// [`ServiceError::UploadsFull`], [`ServiceError::StorageFull`].
@@ -310,7 +313,7 @@ impl Service {
         self.uploads.admit(declared.unwrap_or(0))
     }
 
-    /// Begins to keep an upload.
+    /// Begins to store an upload.
     ///
     /// # Errors
     /// [`ServiceError::Internal`], [`ServiceError::StorageFull`]: the disk.
@@ -321,9 +324,9 @@ impl Service {
     /// Whether requests can be served.
     ///
     /// # Errors
-    /// [`ServiceError`] saying what does not answer.
+    /// [`ServiceError`] that names the part that does not answer.
     pub async fn ready(&self) -> Result<(), ServiceError> {
-        // A full queue is no reason to be taken out of service.
+        // A full queue is no reason to take the service out of rotation.
         if self.pool.check() == Err(JobError::ShuttingDown) {
             return Err(JobError::ShuttingDown.into());
         }
@@ -331,14 +334,14 @@ impl Service {
         Ok(self.registry.ping().await?)
     }
 
-    /// Takes no more work and lets what runs end, at most `grace`; then tells it to stop. Returns
-    /// whether all of it ended by itself.
+    /// Accepts no more work and gives running work `grace` to end; then tells the rest to stop.
+    /// Returns whether all work ended by itself.
     pub async fn drain(&self, grace: Duration) -> bool {
         self.pool.drain(grace).await
     }
 
-    /// Waits for the tidying of what was stopped and closes the registry. Returns whether
-    /// everything was tidied.
+    /// Waits until stopped work has cleaned up, then closes the registry. Returns whether
+    /// everything was cleaned up.
     pub async fn close(&self) -> bool {
         self.tasks.close();
         let tidy = tokio::time::timeout(TIDY, self.tasks.wait()).await.is_ok();
@@ -349,7 +352,7 @@ impl Service {
         tidy
     }
 
-    /// Notes how often the registry was written to.
+    /// Writes down how often the registry was written to.
     async fn note_registry(&self) {
         let noted = match self.registry.seen().await {
             Ok(Some(identity)) => seen::write(&self.config.data, &identity),
@@ -361,13 +364,13 @@ impl Service {
         }
     }
 
-    /// A place on the pool for all jobs of a request.
+    /// Takes a slot of the pool for all jobs of one request.
     fn admit(&self) -> Result<Slot, ServiceError> {
         Ok(self.pool.admit(Instant::now() + self.config.request_timeout)?)
     }
 
-    /// Runs a job over an upload of this many bytes on the pool. It is run once more, with as much
-    /// memory as it then said it needs, when that was not free beside others.
+    /// Runs a job over an upload of this many bytes on the pool. If the job reports that it needs
+    /// more memory than is free now, it is run again once that much memory is reserved.
     async fn run<T: Send + 'static>(
         &self,
         slot: &Slot,
@@ -389,7 +392,7 @@ impl Service {
         }
     }
 
-    /// Runs one more job of a request on the pool, with the memory that the request holds.
+    /// Runs a further job of a request on the pool, with the memory that the request has reserved.
     async fn run_once<T: Send + 'static>(
         &self,
         slot: &Slot,
@@ -411,7 +414,7 @@ impl Service {
     }
 }
 
-/// The core says only that it was stopped, the slot why.
+/// The core reports only that it was stopped; the slot knows the reason.
 fn told(error: ServiceError, slot: &Slot) -> ServiceError {
     match error {
         ServiceError::Job(JobError::DeadlinePassed)

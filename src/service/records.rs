@@ -1,4 +1,4 @@
-//! Records: one, a page, and revoking it.
+//! Records: one record, a page of records, and revoking a record.
 
 use std::sync::Arc;
 
@@ -24,7 +24,8 @@ impl Service {
     /// A page of records, in the order of their registration.
     ///
     /// # Errors
-    /// [`ServiceError::InvalidParameter`] for a limit out of 1 to 200 or a foreign cursor.
+    /// [`ServiceError::InvalidParameter`] for a limit outside 1 to 200, or for a cursor that is not
+    /// of this registry.
     pub async fn page(
         &self,
         filter: &Filter,
@@ -54,23 +55,24 @@ impl Service {
         }
     }
 
-    /// Revokes a mark: it is kept and no longer searched. Doing it twice changes nothing.
+    /// Revokes a mark: its record is kept, and the mark is no longer searched for. A second call
+    /// changes nothing.
     ///
     /// # Errors
     /// [`ServiceError::UnknownWatermark`].
     pub async fn revoke(self: &Arc<Self>, id: Uuid) -> Result<Record, ServiceError> {
         let service = self.clone();
         let revoked = async move {
-            // After the registrations that are under way: what they insert is removed here.
+            // Waits for the registrations under way, so that what they insert is removed here.
             let order = service.order.write().await;
             let revoked = service.registry.revoke(id, now()?).await?;
             let record = revoked.ok_or(ServiceError::UnknownWatermark(id))?;
             let (revoked, memory) = (record.clone(), service.clone());
-            // The locks may be held by a search: wait for them on a blocking thread.
+            // A search may hold the locks: wait for them on a blocking thread.
             let removed = tokio::task::spawn_blocking(move || {
                 memory.hosts.remove(&revoked);
                 memory.unreadable.remove(revoked.id);
-                // Without its master key a mark is not searched for in the first place.
+                // A mark without its master key was never in the index.
                 if let Ok(codeword) = codeword(&memory.keys, &revoked.source()) {
                     memory.known.remove(&revoked, &codeword);
                 }
@@ -83,7 +85,7 @@ impl Service {
         self.see_through(revoked).await
     }
 
-    /// How many blobs there are; for operators and tests.
+    /// Number of blobs, for operators and tests.
     ///
     /// # Errors
     /// [`ServiceError::Internal`].

@@ -1,8 +1,8 @@
-//! Registering a mark: a record exists if and only if its file could be handed out.
+//! Registering a mark: a record exists if and only if its file could be handed out (I3).
 //!
-//! Blobs, one registry transaction, index, in this order; on every way out that is not success
-//! the blobs are removed, a host's only where no other record uses it. A revocation comes before the
-//! transaction or after the index, never between.
+//! The order is: blobs, one registry transaction, index. On every way out but success the blobs are
+//! removed, and a host's blob only if no other record uses it. A revocation comes before the
+//! transaction or after the index, never between them.
 
 use std::sync::Arc;
 
@@ -16,19 +16,19 @@ use crate::blobs::{GeometryKey, Kind};
 use crate::registration::Sketch;
 use crate::registry::{IdempotencyEntry, Record, RegistryError};
 
-/// What is kept of a host for detectors that compare suspects with it.
+/// The parts of a host that are kept for detectors that compare suspects with it.
 pub(super) struct KeptHost {
-    /// What it is stored under; the record's `host_geometry`.
+    /// The key that it is stored under: the record's `host_geometry`.
     pub(super) key: GeometryKey,
     /// Its geometry, packed.
     pub(super) geometry: Bytes,
-    /// What it is found by; none where its shape is too strange for a sketch.
+    /// The sketch by which it is found; none if its shape allows no sketch.
     pub(super) sketch: Option<Sketch>,
 }
 
 impl Service {
-    /// Blobs, then the registry, then the index: a record exists if and only if its file could be
-    /// handed out.
+    /// Writes the blobs, then the registry, then the index: a record exists if and only if its file
+    /// could be handed out.
     pub(super) async fn register(
         self: &Arc<Self>,
         record: &Record,
@@ -53,7 +53,7 @@ impl Service {
         }
         let stored = match self.put_blobs(record.id, file, host).await {
             Ok(()) => {
-                // Until the index is in step with the registry.
+                // Held until the index agrees with the registry.
                 let order = self.order.read().await;
                 self.commit(record, idempotency).await.map(|()| order)
             }
@@ -62,7 +62,7 @@ impl Service {
         let order = match stored {
             Ok(order) => order,
             Err(error) => {
-                // Before the answer: who is told of a failure finds nothing left.
+                // Removed before the answer: a client that receives the error finds nothing left.
                 if let Some(id) = undo.id.take() {
                     self.remove_unregistered(id, held).await;
                 }
@@ -74,7 +74,7 @@ impl Service {
             self.blobs.keep_host(key).await;
         }
         let (service, record) = (self.clone(), record.clone());
-        // The lock may be held by a search: wait for it on a blocking thread.
+        // A search may hold the lock: wait for it on a blocking thread.
         let inserted = tokio::task::spawn_blocking(move || {
             service.known.insert(&record, &codeword);
             if record.host_kept {
@@ -119,7 +119,7 @@ impl Service {
     }
 
     async fn remove_unregistered(&self, id: Uuid, held: Option<GeometryKey>) {
-        // A commit whose answer was lost may have worked: then the blobs are needed.
+        // A commit whose answer was lost may have succeeded: then the blobs are needed.
         if matches!(self.registry.existing(&[id]).await.as_deref(), Ok([]))
             && let Err(error) = self.blobs.remove(id).await
         {
@@ -133,12 +133,12 @@ impl Service {
     }
 }
 
-/// Removes a record's blobs when it is dropped before the record was registered: a panic, a task
-/// that is cut off.
+/// Removes a record's blobs when it is dropped before the record was registered, after a panic or
+/// when the task is cut off.
 struct RemoveBlobs {
     service: Arc<Service>,
     id: Option<Uuid>,
-    /// The host that is held for it.
+    /// The key of the host that is held for the record.
     held: Option<GeometryKey>,
 }
 

@@ -1,5 +1,6 @@
-//! The note of the registry that served last from a data directory: which it was, and how often it
-//! had been written to. It lies beside the registry, so that it stays when that is replaced.
+//! The note about the registry that served last from a data directory: its identity, and how often
+//! it had been written to. The note is a file beside the registry, so that it stays when the
+//! registry is replaced.
 
 use std::path::Path;
 
@@ -13,7 +14,7 @@ fn failed(path: &Path, source: std::io::Error) -> StartError {
     StartError::Directory { path: path.to_owned(), source }
 }
 
-/// The note; none where none was made, or where it is not one.
+/// Reads the note; `None` if there is none, or if it cannot be parsed.
 pub(super) fn read(data: &Path) -> Result<Option<Identity>, StartError> {
     let path = data.join(NAME);
     match std::fs::read_to_string(&path) {
@@ -28,7 +29,7 @@ fn parse(text: &str) -> Option<Identity> {
     Some(Identity { id: id.to_owned(), changes: changes.parse().ok()? })
 }
 
-/// Makes the note anew, durably.
+/// Writes the note anew, durably.
 pub(super) fn write(data: &Path, identity: &Identity) -> Result<(), StartError> {
     let (path, beside) = (data.join(NAME), data.join(format!("{NAME}.new")));
     let text = format!("{} {}\n", identity.id, identity.changes);

@@ -1,4 +1,4 @@
-//! Uploads on their way in: to a nameless temporary file, hashed as they come.
+//! Uploads on their way in: written to a nameless temporary file and hashed as they arrive.
 //!
 //! The file has no name, so neither a crash nor a client that hangs up leaves it behind. Writing
 //! and hashing happen on blocking threads in steps of [`STEP`] bytes.
@@ -12,28 +12,28 @@ use sha2::{Digest, Sha256};
 use super::ServiceError;
 use super::admission::Admission;
 
-/// Bytes gathered before a blocking thread is asked to write them.
+/// Bytes that are gathered before a blocking thread writes them.
 const STEP: usize = 1 << 20;
 
-/// A whole upload.
+/// A complete upload.
 #[derive(Debug)]
 pub struct Spooled {
     file: File,
-    /// Its length.
+    /// Its length in bytes.
     pub bytes: u64,
-    /// Its hash.
+    /// Its SHA-256.
     pub sha256: [u8; 32],
-    /// The file name that the client gave, unchecked: for showing, never for opening.
+    /// The file name that the client gave, unchecked: for display, never for opening a file.
     pub name: Option<String>,
-    /// What it takes of the disk, until it is dropped.
+    /// The share of the disk budget that the upload holds until it is dropped.
     _admission: Admission,
 }
 
 impl Spooled {
-    /// All bytes. On a blocking thread only.
+    /// Reads all bytes. Call it on a blocking thread only.
     ///
     /// # Errors
-    /// What the system said.
+    /// The error of the system.
     pub fn read(&self) -> io::Result<Vec<u8>> {
         let length = usize::try_from(self.bytes).map_err(io::Error::other)?;
         let mut bytes = Vec::with_capacity(length);
@@ -44,7 +44,7 @@ impl Spooled {
     }
 }
 
-/// An upload that is still coming.
+/// An upload that is still arriving.
 pub struct Spool {
     sink: Sink,
     waiting: Vec<u8>,
@@ -58,20 +58,21 @@ struct Sink {
 }
 
 impl Spool {
-    /// Begins an upload; `directory` is where its temporary file lies.
+    /// Begins an upload; `directory` is where its temporary file is created.
     ///
     /// # Errors
-    /// What the system said.
+    /// The error of the system.
     pub(super) fn begin(directory: &Path, admission: Admission) -> io::Result<Self> {
         let file = tempfile::tempfile_in(directory)?;
         let sink = Sink { admission, file, hash: Sha256::new(), bytes: 0 };
         Ok(Self { sink, waiting: Vec::new() })
     }
 
-    /// Takes the next bytes.
+    /// Appends bytes.
     ///
     /// # Errors
-    /// [`ServiceError::UploadsFull`], [`ServiceError::StorageFull`], or what else the system said.
+    /// [`ServiceError::UploadsFull`], [`ServiceError::StorageFull`], or another error of the
+    /// system.
     pub async fn write(mut self, chunk: &[u8]) -> Result<Self, ServiceError> {
         self.waiting.extend_from_slice(chunk);
         if self.waiting.len() >= STEP { self.flush().await } else { Ok(self) }

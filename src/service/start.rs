@@ -1,9 +1,8 @@
-//! The start: what lies in the data directory is looked at, and refused if need be, before anything
-//! is written.
+//! The start: the data directory is examined, and refused if need be, before anything is written.
 //!
-//! A registry that is gone, or older than what was noted, or beside files of which it does not know,
-//! is mostly an accident, and so are missing master keys: to go on would look healthy and lose marks.
-//! Each refusal says what to do, and each can be overruled by a setting.
+//! A registry that is gone, that is older than the note says, or that does not know of files beside
+//! it, is mostly an accident. So are missing master keys. A service that went on would look healthy
+//! and lose marks. Each refusal says what to do, and a setting can overrule each.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +15,7 @@ use crate::durable::create_directory;
 use crate::keys::{KeyError, KeyRing};
 use crate::registry::{Identity, KeyUse, Lock, Sqlite, Survey};
 
-/// Everything under a data directory, open.
+/// All parts under a data directory, open.
 pub(super) struct Opened {
     pub(super) registry: Sqlite,
     pub(super) keys: KeyRing,
@@ -24,12 +23,12 @@ pub(super) struct Opened {
     pub(super) spool_directory: PathBuf,
 }
 
-/// Opens a data directory to serve from it, and makes what is not there.
+/// Opens a data directory to serve from it, and creates what is missing.
 pub(super) async fn open(config: &Config) -> Result<Opened, StartError> {
     let data = &config.data;
     let lock = Lock::take(data)?;
     warn_if_open_to_others(data);
-    let (survey, orphans) = pose(data, &lock).await?;
+    let (survey, orphans) = survey_directory(data, &lock).await?;
     let noted = seen::read(data)?;
     if let Some(refusal) = refusal(config, noted.as_ref(), &survey, &orphans) {
         if !config.accept_registry {
@@ -52,8 +51,8 @@ pub(super) async fn open(config: &Config) -> Result<Opened, StartError> {
     Ok(Opened { registry, keys, blobs, spool_directory })
 }
 
-/// What the registry holds, and the blobs of which it does not know. Writes nothing.
-async fn pose(data: &Path, lock: &Lock) -> Result<(Survey, Vec<Name>), StartError> {
+/// What the registry holds, and the blobs that it does not know of. Writes nothing.
+async fn survey_directory(data: &Path, lock: &Lock) -> Result<(Survey, Vec<Name>), StartError> {
     let blobs = Blobs::there(&data.join("blobs"))?;
     if !Sqlite::is_there(data) {
         let orphans = match &blobs {
@@ -65,7 +64,7 @@ async fn pose(data: &Path, lock: &Lock) -> Result<(Survey, Vec<Name>), StartErro
     let registry = Sqlite::open_to_look(data, lock).await?;
     let survey = registry.survey().await?;
     let orphans = match &blobs {
-        // A registry without a table owns nothing, and has nothing to ask.
+        // A registry without records owns no blob, and its tables may be missing.
         Some(blobs) if survey.records == 0 => sweep::blobs_of_ours(blobs).await?,
         Some(blobs) => sweep::orphans(blobs, &registry).await?,
         None => Vec::new(),
@@ -74,8 +73,8 @@ async fn pose(data: &Path, lock: &Lock) -> Result<(Survey, Vec<Name>), StartErro
     Ok((survey, orphans))
 }
 
-/// A crash leaves the blobs of marks that were being registered, a file and a host each: no more
-/// marks than there are places for jobs. More orphans than that have another reason.
+/// The most blobs without a record that a crash can leave: a file and a host for each mark that was
+/// being registered, and no more marks than slots for jobs. More orphans have another cause.
 fn few(config: &Config) -> usize {
     config.workers.saturating_add(config.queue).saturating_mul(2)
 }
@@ -92,7 +91,7 @@ fn refusal(
         (Some(noted), Some(found)) if noted.id != found.id => {
             return Some(StartError::OtherRegistry { data });
         }
-        // A registry without an identity is of before any was noted.
+        // A registry without an identity is from a release before notes were made.
         (Some(noted), _) if survey.records > 0 || found.is_some() => {
             let found = found.map_or(0, |found| found.changes);
             if found < noted.changes {
@@ -111,7 +110,7 @@ fn refusal(
     (orphans.len() > few).then_some(StartError::Orphans { data, files: orphans.len(), few })
 }
 
-/// The master keys. A new one is made only where no record could need another.
+/// The master keys. A new key is made only if no record could need another one.
 fn keys(config: &Config, survey: &Survey) -> Result<KeyRing, StartError> {
     let ring = match &config.master_key {
         Some(text) => KeyRing::from_hex(SecretText::reveal(text))?,
@@ -138,7 +137,7 @@ fn make(config: &Config) -> Result<KeyRing, StartError> {
     Ok(ring)
 }
 
-/// Refuses when marks cannot be read with the keys that are there.
+/// Refuses a start when live marks cannot be read with the available keys.
 pub(super) fn check_keys(
     config: &Config,
     ring: &KeyRing,
@@ -165,7 +164,8 @@ fn missing(config: &Config, keys: Vec<KeyUse>) -> StartError {
     StartError::MissingKeys { keys, from }
 }
 
-/// Marked files and hosts lie there, and whoever can write can take the registry away.
+/// The data directory holds marked files and hosts, and whoever can write to it can remove the
+/// registry.
 fn warn_if_open_to_others(data: &Path) {
     #[cfg(unix)]
     {
@@ -207,15 +207,16 @@ mod tests {
 
     #[test]
     fn what_is_refused() {
-        // A new directory; one that crashed in its first start, or in its first registration.
+        // A new directory; one after a crash in its first start, or in its first registration.
         assert_eq!(decided(None, (0, None), 0), None);
         assert_eq!(decided(None, (0, Some(("a", 0))), 0), None);
         assert_eq!(decided(Some(("a", 0)), (0, Some(("a", 0))), 1), None);
-        // As it was left, or written to after the note; a few orphans of a crash.
+        // As the last service left it, or with changes after the note; with the few orphans of a
+        // crash.
         assert_eq!(decided(Some(("a", 7)), (7, Some(("a", 7))), 0), None);
         assert_eq!(decided(Some(("a", 7)), (9, Some(("a", 9))), 10), None);
         assert_eq!(decided(Some(("a", 7)), (9, Some(("a", 9))), 11), Some("orphans"));
-        // Of before anything was noted.
+        // From a release before notes were made.
         assert_eq!(decided(None, (9, None), 10), None);
         assert_eq!(decided(None, (9, None), 11), Some("orphans"));
         // The registry is gone, with and without the note; emptied; an older one; another one.

@@ -1,9 +1,9 @@
-//! Sweeping: at the start, blobs that no record owns go to quarantine, and what a crash left of
-//! writes that did not end is removed.
+//! The sweep at the start: blobs without a record go to quarantine, and what a crash left of
+//! unfinished writes is removed.
 //!
-//! Nothing that was ever whole is deleted here before it has waited in quarantine, for it may be the
-//! registry that is wrong. Only before requests are served: later, the blobs of a record that is
-//! being registered would look like orphans.
+//! Nothing that was ever complete is deleted here before it has waited in quarantine, because the
+//! fault may lie in the registry. The sweep runs only before requests are served: later, the blobs
+//! of a record that is being registered would look like orphans.
 
 use std::path::Path;
 
@@ -17,18 +17,19 @@ use crate::config::Config;
 use crate::keys::KeyRing;
 use crate::registry::{Registry as _, Sqlite};
 
-/// Ids that the registry is asked about at once.
+/// Ids per query to the registry.
 const BATCH: usize = 4096;
 
-/// What a blob belongs to, by its name.
+/// What owns a blob, read from the blob's name.
 enum Owner {
     /// A record.
     Record(Uuid),
-    /// All records of a geometry.
+    /// All records with this geometry.
     Geometry([u8; 32]),
 }
 
-/// A name that is neither is not ours: it is left to whoever put it there.
+/// The owner of a blob; `None` for a name of another form, which the service did not write and
+/// leaves alone.
 fn owner(blob: &Name) -> Option<Owner> {
     if let Ok(id) = blob.name.parse() {
         return Some(Owner::Record(id));
@@ -38,16 +39,16 @@ fn owner(blob: &Name) -> Option<Owner> {
     is_key.then_some(Owner::Geometry(key))
 }
 
-/// All blobs that a service put there.
+/// All blobs that a service wrote.
 pub(super) async fn blobs_of_ours(blobs: &Blobs) -> Result<Vec<Name>, StartError> {
     let names = blobs.names().await?;
     Ok(names.into_iter().filter(|name| owner(name).is_some()).collect())
 }
 
-/// Those of them that no record owns.
+/// The blobs of the service that no record owns.
 pub(super) async fn orphans(blobs: &Blobs, registry: &Sqlite) -> Result<Vec<Name>, StartError> {
     let names = blobs_of_ours(blobs).await?;
-    // After the blobs: a record that is registered meanwhile is seen.
+    // Queried after the blobs were listed, so that a record that is registered meanwhile is found.
     let geometries = registry.geometries().await?;
     let mut orphans = Vec::new();
     for names in names.chunks(BATCH) {
@@ -67,7 +68,7 @@ pub(super) async fn orphans(blobs: &Blobs, registry: &Sqlite) -> Result<Vec<Name
     Ok(orphans)
 }
 
-/// Name of a batch: the time of its sweep, to the second.
+/// Name of a quarantine batch: the time of its sweep, to the second.
 fn batch_of(at: Timestamp) -> String {
     at.strftime("%Y%m%dT%H%M%SZ").to_string()
 }
@@ -77,7 +78,7 @@ fn time_of(batch: &str) -> Option<Timestamp> {
     Some(time.to_zoned(jiff::tz::TimeZone::UTC).ok()?.timestamp())
 }
 
-/// Moves orphans to quarantine, and deletes what has waited there for its time.
+/// Moves orphans to quarantine and deletes the batches that have waited there for `days`.
 pub(super) async fn quarantine(
     blobs: &Blobs,
     orphans: &[Name],
@@ -109,8 +110,8 @@ pub(super) async fn quarantine(
     Ok(())
 }
 
-/// Removes what a crash left of blobs, uploads and key files that were being written: none of it was
-/// ever whole.
+/// Removes what a crash left of blobs, uploads and key files that were being written. None of it
+/// was ever complete.
 pub(super) fn staging(config: &Config, blobs: &Blobs, uploads: &Path) {
     let mut removed = blobs.remove_staging() + remove_files(uploads);
     if config.master_key.is_none() {
@@ -121,7 +122,8 @@ pub(super) fn staging(config: &Config, blobs: &Blobs, uploads: &Path) {
     }
 }
 
-/// Uploads have no name where the system can do that; elsewhere a crash leaves them.
+/// Removes leftover uploads. Upload files have no name where the system supports that; elsewhere a
+/// crash leaves them.
 fn remove_files(directory: &Path) -> usize {
     let Ok(entries) = std::fs::read_dir(directory) else { return 0 };
     let is_file = |entry: &std::fs::DirEntry| entry.file_type().is_ok_and(|kind| kind.is_file());
@@ -170,7 +172,7 @@ mod tests {
         let kept = directory.path().join("blobs/quarantine").join(&batches[0]);
         let file = kept.join(format!("files/{stranger}"));
         assert_eq!(std::fs::read(&file).unwrap(), b"x");
-        // Not before its time.
+        // It is kept before its time.
         quarantine(&blobs, &[], directory.path(), 30).await.unwrap();
         assert!(file.exists());
         let long_ago = Timestamp::now() - SignedDuration::from_hours(31 * 24);

@@ -1,4 +1,4 @@
-//! A service over parts that a test chooses.
+//! A service built from parts that a test chooses.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use crate::config::{Config, Settings};
 use crate::keys::KeyRing;
 use crate::registry::Registry;
 
-/// The key that these services have.
+/// The key of these services.
 pub(super) fn keys() -> KeyRing {
     KeyRing::from_hex(&"0a".repeat(32)).unwrap()
 }

@@ -1,11 +1,11 @@
-//! Short texts that callers give: owner, recipient, label.
+//! Short texts from callers: owner, recipient, label.
 
 use super::ServiceError;
 
-/// Characters at most.
+/// Most characters of a text.
 const LONGEST: usize = 256;
 
-/// 1 to 256 characters, none of them a control character, not only white space.
+/// A text of 1 to 256 characters, without control characters and not only white space.
 ///
 /// Control characters are refused because these texts appear in logs and headers.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! Verdicts, as they are answered and kept.
+//! Verdicts, in the form in which they are answered and kept.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -13,12 +13,12 @@ use super::verify::Depth;
 pub enum Verdict {
     /// The bound is below the match threshold.
     Match,
-    /// A mark was read with a bound below the match threshold, but the file does not have the shape of
-    /// its host: the mark may have been copied on to another object.
+    /// A mark was read with a bound below the match threshold, but the file does not have the shape
+    /// of the mark's host: the mark may have been copied to another object.
     BlindOnly,
     /// The bound is between the thresholds.
     Inconclusive,
-    /// No mark was recognised; not a proof that there is none.
+    /// No mark was recognised. This is not a proof that there is none.
     NoMatch,
 }
 
@@ -28,11 +28,11 @@ pub enum Verdict {
 pub enum FrameName {
     /// From the suspect alone.
     Blind,
-    /// From the suspect alone, searched: its centre or its extremes have moved.
+    /// From the suspect alone, after a search: its centre or its extremes have moved.
     Searched,
     /// The host's own: the suspect was neither moved nor scaled.
     InPlace,
-    /// The host's own, into which the suspect was brought back.
+    /// The host's own, into which the suspect was registered.
     Registered,
 }
 
@@ -44,25 +44,25 @@ pub enum StageName {
     Blind,
     /// The host's own frame, for marks that the request names.
     InPlace,
-    /// Centre and layout searched from the suspect alone, near its own centre.
+    /// Centre and bin layout, searched from the suspect alone near its own centre.
     LayoutSearchNear,
-    /// The same, as far as a cut of some percent moves the centre.
+    /// The same search, as far as a cut of some percent moves the centre.
     LayoutSearch,
-    /// The same, farther, and with more bin layouts.
+    /// The same search, farther, and with more bin layouts.
     LayoutSearchWide,
     /// The frame of a host on the short list, in place or after registration.
     HostFrame,
     /// Heights of the suspect's surface over a host on the short list: the relief of a mark.
     Relief,
-    /// Vertex by vertex against a host on the short list.
+    /// The suspect's vertices one by one against a host on the short list.
     MatchedFilter,
-    /// The blind frame, for marks that are not asked about, but whose records may name one that is
-    /// and that they were laid over.
+    /// The blind frame, for marks that the request does not ask about. Their records may say that
+    /// they lie over a mark that it asks about.
     Overmarks,
 }
 
 impl StageName {
-    /// All of them.
+    /// All stages.
     pub const ALL: [Self; 9] = [
         Self::Blind,
         Self::InPlace,
@@ -92,12 +92,12 @@ impl StageName {
     }
 }
 
-/// Where verdicts change, as log10 of a bound.
+/// The thresholds of verdicts, as log10 of a bound.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Thresholds {
-    /// `match` is below this.
+    /// A bound below this is a `match`.
     pub(super) certain: f64,
-    /// `inconclusive` is below this.
+    /// A bound below this is `inconclusive`.
     pub(super) inconclusive: f64,
 }
 
@@ -106,9 +106,9 @@ pub(super) struct Thresholds {
 pub struct FrameFacts {
     /// The centre.
     pub centre: [f64; 3],
-    /// The smallest vertex norm that is assumed.
+    /// The smallest vertex norm assumed.
     pub rho_min: f64,
-    /// The largest vertex norm that is assumed.
+    /// The largest vertex norm assumed.
     pub rho_max: f64,
 }
 
@@ -119,30 +119,32 @@ pub struct Evidence {
     pub stage: StageName,
     /// The frame that it assumed.
     pub frame: FrameFacts,
-    /// Bins that were read; of a relief, cells.
+    /// Bins that were read; for a relief, cells.
     pub bits_read: usize,
-    /// Bins with too few vertices to be read; of a relief, cells that the suspect does not have.
+    /// Bins with too few vertices to be read; for a relief, cells that the suspect lacks.
     pub erasures: usize,
-    /// Weight of each bin, in the order of the bins: `min(|z|, median |z|)`, where z is the root of
-    /// the bin's vertex count times its statistic's deviation from neutral; 0 for an erasure. Empty for a
-    /// relief, whose tens of thousands of cells follow from host and suspect.
+    /// Weight of each bin, in the order of the bins: `min(|z|, median |z|)`, where z is the square
+    /// root of the bin's vertex count times the deviation of its statistic from neutral. The weight
+    /// of an erasure is 0. Empty for a relief, whose tens of thousands of cells follow from host
+    /// and suspect.
     pub weights: Vec<f64>,
-    /// The weights of the bins that agree less those that do not.
+    /// The sum of the weights of the bins that agree, less the sum of those that do not.
     pub score: f64,
     /// log10 of the bound on the probability that a random codeword scores so high with these
-    /// weights: one hypothesis, nothing counted.
+    /// weights, for one hypothesis, before any are counted.
     pub log10_bound: f64,
-    /// What that probability is multiplied by: the hypotheses of the stage over its share.
+    /// The factor on that probability for the hypotheses that were counted: the number of
+    /// hypotheses of the stage over the stage's error share.
     pub counted: f64,
-    /// Which try this record was for its host and owner since their last one: those before it were
-    /// refused.
+    /// The number of this try for its host and owner since their last record, from 1. The tries
+    /// before it were refused.
     pub tries: u64,
-    /// Marks of its host and owner that are counted with it, itself included: the revoked ones, and all
-    /// where the record was named by its id.
+    /// Marks of the same host and owner that are counted with this one, itself included: the
+    /// revoked ones, or all if the request named the record by its id.
     pub siblings: u64,
-    /// Which question about the record this is, from 1.
+    /// The number of this question about the record, from 1.
     pub questions: u64,
-    /// What the probability is multiplied by for tries, siblings and questions.
+    /// The factor on the probability for tries, siblings and questions.
     pub charged: f64,
     /// `log10_bound + log10(counted * charged)`, at most 0.
     pub log10_fp: f64,
@@ -155,8 +157,8 @@ pub struct StageRun {
     pub stage: StageName,
     /// Hypotheses that it scored: marks times frames and bin layouts.
     pub hypotheses: u64,
-    /// The part of the error probability that it may spend, fixed beforehand. The shares of all
-    /// stages add up to at most 1.
+    /// The stage's part of the error probability, fixed beforehand. The shares of all stages add up
+    /// to at most 1.
     pub error_share: f64,
 }
 
@@ -168,36 +170,37 @@ pub struct Match {
     pub watermark_id: Uuid,
     /// Whose mark it is.
     pub owner_id: String,
-    /// To whom the copy went.
+    /// The recipient of the copy.
     pub recipient: Option<String>,
-    /// The owner's text.
+    /// The owner's free text.
     pub label: Option<String>,
     /// When it was registered.
     #[schema(value_type = String, format = DateTime)]
     pub registered_at: Timestamp,
-    /// log10 of the bound on the probability that a file without this mark scores so high, all
+    /// log10 of the bound on the probability that a file without this mark scores so high, with all
     /// hypotheses counted.
     pub log10_fp: f64,
-    /// Bits that agree with the mark.
+    /// Bits that agree with the mark's codeword.
     pub bits_agreeing: usize,
     /// Bits that could be read.
     pub bits_read: usize,
-    /// The mark that lies over this one, where this one itself was not read: `evidence` says how that
-    /// one was read, its record says that its host carried this one, and the bound is the sum of
-    /// both.
+    /// The mark that lies over this one, if this one was not read itself. Then `evidence` says how
+    /// the mark above was read, whose record says that its host carried this mark, and the bound is
+    /// the sum of both bounds.
     #[schema(value_type = Option<String>, format = "uuid")]
     pub overmarked_by: Option<Uuid>,
-    /// In which frame it was read.
+    /// The frame in which it was read.
     pub frame: FrameName,
-    /// Which share of the file's surface lies on the host's (within 1.2 % of the diagonal, after
-    /// registration; 1 where the file's vertices are the host's in their order, by at most 5 % of the
-    /// diagonal in the median), of the best match where it was read without the host. Below 0.5 the verdict is
-    /// `blind_only`. Null where no shape was compared: the host was not kept, the depth is `fast`, or
-    /// the mark was read against the host, which is only possible on its shape.
+    /// The share of the file's surface that lies on the host's, for the best match if it was read
+    /// without the host. A point lies on the host's surface within 1.2 % of the diagonal, after
+    /// registration. The share is 1 if the file's vertices are the host's in their order, with a
+    /// median distance of at most 5 % of the diagonal. Below 0.5 the verdict is `blind_only`. Null
+    /// if no shapes were compared: the host was not kept, the depth is `fast`, or the mark was read
+    /// against the host, which is possible on the host's shape only.
     #[schema(minimum = 0, maximum = 1)]
     pub on_host: Option<f64>,
-    /// What its bound rests on; only of a match. (Of a record that the file may not carry, the weights
-    /// would tell where its bins lie.)
+    /// What its bound rests on, for matches only: the weights of a record that the file may not
+    /// carry would show where its bins lie.
     pub evidence: Option<Evidence>,
 }
 
@@ -227,35 +230,35 @@ pub struct Verification {
     pub created_at: Timestamp,
     /// The verdict.
     pub verdict: Verdict,
-    /// `match` is below this.
+    /// A bound below this is a `match`.
     pub threshold_log10: f64,
-    /// `inconclusive` is below this.
+    /// A bound below this is `inconclusive`.
     pub inconclusive_threshold_log10: f64,
-    /// How much was to be tried.
+    /// How much the request allowed to be tried.
     pub depth: Depth,
-    /// Which question about a record this is, from 1, the most of any that the request or the answer
-    /// names; 0 where neither names one. Each further question is charged to the record's bound. The
-    /// same file asked about in the same way is the same question.
+    /// The number of this question about a record, from 1: the largest for any record that the
+    /// request or the answer names; 0 if neither names one. Each further question is charged to the
+    /// record's bound. The same file, asked about in the same way, is the same question.
     pub questions: u64,
-    /// How many hypotheses were scored; the bounds count them all, each in its stage. (Of bin layouts, the
-    /// mean over all classes.)
+    /// Number of hypotheses that were scored. The bounds count all of them, each in its stage. For
+    /// bin layouts, it is the mean over all classes.
     pub hypotheses: u64,
-    /// The stages that ran, in order; the more expensive ones run only while the verdict is open.
+    /// The stages that ran, in order. The more expensive ones run only while the verdict is open.
     pub stages: Vec<StageRun>,
-    /// Best first; only those below the inconclusive threshold.
+    /// Best first. Only marks with a bound below the inconclusive threshold are listed.
     pub matches: Vec<Match>,
     /// The suspect.
     pub file: FileFacts,
-    /// What was looked at to find it: for whoever measures the service, not part of the answer.
+    /// What was compared to find the verdict: a measure of the work, not part of the answer.
     #[serde(skip)]
     #[schema(ignore)]
     pub looked_at: LookedAt,
 }
 
-/// The hosts of a short list.
+/// The hosts of a short list that were compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LookedAt {
-    /// How many.
+    /// Number of hosts.
     pub hosts: usize,
     /// Their vertices and triangles together.
     pub elements: u64,

@@ -1,11 +1,11 @@
-//! What must hold of the whole document.
+//! Properties that the whole document must have.
 
 use serde_json::Value;
 
 use super::super::document::document;
 use super::*;
 
-/// Of what is asked with a method that its path does not have: of no operation.
+/// Codes of requests with a method that the path does not have: they belong to no operation.
 const NOWHERE: &[Code] = &[Code::MethodNotAllowed];
 
 fn json() -> Value {
@@ -17,7 +17,7 @@ fn operations(document: &Value) -> Vec<&Value> {
     paths.flat_map(|item| item.as_object().unwrap().values()).collect()
 }
 
-/// A code that is in none of the tables is documented nowhere: add it to those of the operations
+/// A code that is in none of the tables is not documented: add it to the tables of the operations
 /// that answer with it.
 #[test]
 fn every_code_is_of_some_operation() {

@@ -1,4 +1,4 @@
-//! Registrations and revocations at the same time, interleaved by hand.
+//! Registrations and revocations at the same time, interleaved step by step.
 
 use std::sync::Mutex;
 
@@ -13,7 +13,8 @@ use crate::registry::{
     StoredVerification, Tally, sample_record,
 };
 
-/// A registry that, after its next commit, says so and waits to be let on.
+/// A registry that, after its next commit, reports the commit and waits until it is allowed to go
+/// on.
 struct Halting {
     inner: Sqlite,
     halt: Mutex<Option<(oneshot::Sender<()>, oneshot::Receiver<()>)>>,
@@ -151,7 +152,8 @@ async fn what_is_revoked_while_it_is_registered_is_not_found() {
     assert_eq!(service.marks(), 0, "committed and not yet in memory");
     let revoking = service.clone();
     let revoking = tokio::spawn(async move { revoking.revoke(record.id).await });
-    // Either the revocation is over, or it waits for the registration: then nobody else gets in.
+    // Either the revocation has ended, or it waits for the registration: then nobody else gets the
+    // lock.
     while !revoking.is_finished() && service.order.try_read().is_ok() {
         tokio::task::yield_now().await;
     }

@@ -1,8 +1,8 @@
-//! The cascade of detectors: the cheap ones first, the expensive ones while the verdict is open.
+//! The detector cascade: cheap detectors come first, expensive ones run while the verdict is open.
 //!
-//! A stage is a file with a type that is a [`Stage`], a name with its share in `count`, and a line
-//! in [`stages`]. What a stage chooses to score may depend on the suspect, the request and the
-//! registry's size, never on codewords.
+//! A stage is a file with a type that is a [`Stage`], a name with an error share in `count`, and a
+//! line in [`stages`]. What a stage chooses to score may depend on the suspect, the request and the
+//! size of the registry, but never on codewords.
 
 use std::collections::BTreeMap;
 
@@ -21,15 +21,16 @@ use crate::jobs::Stop;
 use crate::keys::KeyRing;
 use crate::watermark::{Candidate, CodewordIndex, ReportLimits, Suspect};
 
-/// Matches listed at most: somewhat more than copies can be averaged that are still told apart.
+/// Most matches that are listed: somewhat more than the number of averaged copies that can still be
+/// identified.
 pub(super) const MOST_MATCHES: usize = 128;
 
-/// What all stages look at.
+/// The input of all stages.
 pub(super) struct Case<'a> {
     pub(super) suspect: &'a Suspect,
-    /// The marks that it is compared with.
+    /// The marks that the suspect is compared with.
     pub(super) marks: &'a CodewordIndex,
-    /// What the request names.
+    /// The marks that the request names.
     pub(super) named: Option<&'a Named>,
     pub(super) keys: &'a KeyRing,
     pub(super) stop: &'a Stop,
@@ -39,10 +40,10 @@ pub(super) struct Case<'a> {
 pub(super) trait Stage: Sync {
     fn name(&self) -> StageName;
 
-    /// In which frame it reads.
+    /// The frame in which it reads.
     fn frame(&self) -> FrameName;
 
-    /// Scores its hypotheses: how many, and those that are `worth` a report.
+    /// Scores its hypotheses. Returns how many they are, and those that are `worth` a report.
     fn run(&self, case: &Case<'_>, worth: ReportLimits) -> Result<Tried, ServiceError>;
 }
 
@@ -53,25 +54,26 @@ pub(super) struct Tried {
     pub(super) candidates: Vec<Candidate>,
 }
 
-/// A record that may have marked the suspect, by its best hypothesis.
+/// A record whose mark the suspect may carry, with its best hypothesis.
 #[derive(Debug)]
 pub(super) struct Found {
     pub(super) id: Uuid,
     pub(super) stage: StageName,
     pub(super) frame: FrameName,
     pub(super) candidate: Candidate,
-    /// What its bound is multiplied by: the hypotheses of the stage over its share.
+    /// The factor on its bound for counted hypotheses: the hypotheses of the stage over the stage's
+    /// error share.
     pub(super) counted: f64,
-    /// What it is multiplied by, too.
+    /// The further factor on its bound, for what was tried before.
     pub(super) charge: Charge,
     pub(super) log10_fp: f64,
 }
 
 impl Found {
-    /// The same with this charge.
+    /// The same finding with this charge.
     pub(super) fn charged(self, charge: Charge) -> Self {
         let log10_counted = (self.counted * charge.factor()).log10();
-        // A bound that is no number becomes 0 here: it matches nothing.
+        // A bound that is not a number becomes 0 here, and matches nothing.
         let log10_fp = (self.candidate.log10_bound + log10_counted).min(0.0);
         Self { charge, log10_fp, ..self }
     }
@@ -80,16 +82,16 @@ impl Found {
 /// The outcome of the cascade.
 #[derive(Debug, Default)]
 pub(super) struct CascadeOutcome {
-    /// Stages in the order in which they ran, with the hypotheses that each scored.
+    /// The stages in the order in which they ran, with the number of hypotheses of each.
     pub(super) tried: Vec<(StageName, u64)>,
-    /// Best first, each record once.
+    /// Best first; each record once.
     pub(super) found: Vec<Found>,
-    /// Of records that were found without their host: which share of the suspect's surface lies on the
-    /// host's, where that was looked at.
+    /// For records that were found without their host: the share of the suspect's surface that lies
+    /// on the host's, if it was measured.
     pub(super) on_host: BTreeMap<Uuid, f64>,
 }
 
-/// The stages of a depth that need nothing but the suspect and the marks, in order.
+/// The stages of a depth that need only the suspect and the marks, in order.
 pub(super) fn stages(depth: Depth) -> &'static [&'static dyn Stage] {
     match depth {
         Depth::Fast => &[&Blind, &LayoutSearch::NEAR],
@@ -99,7 +101,7 @@ pub(super) fn stages(depth: Depth) -> &'static [&'static dyn Stage] {
     }
 }
 
-/// Those that come after the short list.
+/// The stages that come after the short list.
 pub(super) fn late_stages(depth: Depth) -> &'static [&'static dyn Stage] {
     match depth {
         Depth::Fast | Depth::Standard => &[],
@@ -107,7 +109,7 @@ pub(super) fn late_stages(depth: Depth) -> &'static [&'static dyn Stage] {
     }
 }
 
-/// A cascade of detectors and what it has found so far.
+/// A run of the detector cascade, with its findings so far.
 pub(super) struct Cascade {
     thresholds: Thresholds,
     charges: Charges,
@@ -117,7 +119,7 @@ pub(super) struct Cascade {
 }
 
 impl Cascade {
-    /// At the foot.
+    /// A run before its first stage.
     pub(super) fn new(thresholds: Thresholds, charges: Charges) -> Self {
         Self {
             thresholds,
@@ -133,13 +135,13 @@ impl Cascade {
         self.best.values().all(|found| found.log10_fp >= self.thresholds.certain)
     }
 
-    /// The record that matches best.
+    /// The best of the records that match.
     pub(super) fn best_match(&self) -> Option<&Found> {
         let matches = self.best.values().filter(|found| found.log10_fp < self.thresholds.certain);
         matches.min_by(|a, b| a.log10_fp.total_cmp(&b.log10_fp).then(a.id.cmp(&b.id)))
     }
 
-    /// What is worth a report when the bound is multiplied by `counted`.
+    /// The bound that is worth a report when bounds are multiplied by `counted`.
     pub(super) fn worth(&self, counted: f64) -> ReportLimits {
         ReportLimits {
             log10_bound: self.thresholds.inconclusive - counted.log10(),
@@ -156,12 +158,12 @@ impl Cascade {
         }
     }
 
-    /// Notes which share of the suspect's surface lies on the host of a record.
+    /// Notes the share of the suspect's surface that lies on the host of a record.
     pub(super) fn lies_on_host(&mut self, id: Uuid, share: f64) {
         self.on_host.insert(id, share);
     }
 
-    /// Keeps a candidate if it is the best of its record and worth a report.
+    /// Keeps a candidate if it is worth a report and is the best one for its record.
     pub(super) fn add(
         &mut self,
         stage: StageName,
@@ -170,7 +172,7 @@ impl Cascade {
         counted: f64,
     ) {
         let id = Uuid::from_u128(candidate.id);
-        // Most are no match whatever they are charged for, and need not be asked about.
+        // Most candidates match at no charge, so their charges are not asked for.
         if candidate.log10_bound + counted.log10() >= self.thresholds.inconclusive {
             return;
         }
@@ -195,7 +197,8 @@ impl Cascade {
             }
             go_on(case.stop)?;
             let name = stage.name();
-            // One hypothesis at least is counted: what is not worth a report then is not with more.
+            // At least one hypothesis is counted: what is not worth a report then is not worth one
+            // with more.
             let Tried { hypotheses, candidates } = stage.run(case, self.worth(counted(name, 1)))?;
             self.tried(name, hypotheses);
             for candidate in candidates {

@@ -1,29 +1,32 @@
-//! Charges: what the bound of one record is multiplied by because of what was tried before, beside
-//! the hypotheses of this verification (`count`).
+//! Charges: the factors on the bound of one record for what was tried before, beside the hypotheses
+//! of this verification (`count`).
 //!
-//! **A series of tries.** Somebody who may try again and again, and stop when he likes, has as many
-//! chances to be wrong as he has tries. So the error probability of one is dealt out to all: the
-//! n-th has a share, the shares of all, however many, add up to at most 1, and a bound is divided by
-//! its share. The first has three quarters; the n-th of the others a quarter of
-//! `1 / log2(n) - 1 / log2(n + 1)`, which adds up to that quarter: about `2.8 n log2(n)^2` times, 2.5
-//! decades at the tenth, 4.1 at the hundredth. (`n` times alone would not do: the sum of `1 / n` has no
-//! end. `n (n + 1)` times would cost as much at the tenth, but twice as many decades far out.)
+//! **A series of tries.** Whoever may try again and stop at any time has as many chances of an
+//! error as tries. So the error probability of one try is shared out to all tries of the series.
+//! The n-th try has a share, all shares together, however many, add up to at most 1, and a bound is
+//! divided by its share. The first try has three quarters. The n-th of the others has a quarter of
+//! `1 / log2(n) - 1 / log2(n + 1)`, and these add up to the last quarter. The factor on the bound
+//! is about `2.8 n log2(n)^2`: 2.5 decades at the tenth try, 4.1 at the hundredth. A factor of `n`
+//! alone would not do, because the sum of `1 / n` diverges. A factor of `n (n + 1)` would cost as
+//! much at the tenth try, but twice as many decades for large n.
 //!
-//! **Refused marks.** A record exists because its codeword could be embedded, perhaps where others
-//! could not, at a strength that others of the same codeword could not have: it has been chosen. The
-//! n-th that was tried for a host and an owner since their last record is the n-th of a series.
+//! **Refused marks.** A record exists because its codeword could be embedded, perhaps where other
+//! codewords were refused, at a strength at which the same codeword might have been refused. So the
+//! record was chosen. If it is the n-th try for a host and an owner since their last record, it is
+//! the n-th of a series.
 //!
-//! **Siblings.** Who registers n marks of a host and revokes all but one has tried n. With `m` of
-//! them live, each of these is multiplied by `n - m + 1`, which together with the `m` that are counted
-//! anyhow is at least `n`: `m (n - m + 1) - n = (m - 1) (n - m)`. Where one is asked about by its id,
-//! the others are not counted anyhow, and it is multiplied by `n`.
+//! **Siblings.** Whoever registers n marks of a host and revokes all but one has tried n. With `m`
+//! of them live, the factor on each live one is `n - m + 1`. Together with the `m` marks that are
+//! counted anyway, this is at least `n`: `m (n - m + 1) - n = (m - 1) (n - m)`. If a request asks
+//! about one mark by its id, the other marks are not counted anyway, and the factor is `n`.
 //!
-//! **Questions.** Each verification has an error probability of its own. So many that are all about
-//! one record, each perhaps made after the answer to the one before, are a series. They are counted
-//! per record where the request named it (alone or beside at most [`NEARLY`] in all: among more,
-//! hypotheses are counted that are not worth as much as one name), and where the answer does, as a match
-//! or nearly: from an answer that does not name a record, nobody learns anything about its codeword.
-//! The same file asked about in the same way is one question, however often, for it has one answer.
+//! **Questions.** Each verification has an error probability of its own. Several verifications
+//! about one record, each perhaps made after the answer to the one before, are a series. They are
+//! counted for a record in two cases. The first is a request that names the record, alone or among
+//! at most [`NEARLY`]: with more records, more hypotheses are counted than one name is worth. The
+//! second is an answer that names it as a match or as nearly one: an answer that does not name a
+//! record reveals nothing about its codeword. The same file, asked about in the same way, is one
+//! question however often, because it has one answer.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -32,10 +35,10 @@ use uuid::Uuid;
 
 use crate::registry::Tally;
 
-/// Where a filter selects at most so many records, each is named.
+/// Most records that a filter selects for each of them to count as named.
 pub(super) const NEARLY: usize = 8;
 
-/// What the `n`-th of a series of tries is multiplied by, from 1.
+/// The factor on the bound of the `n`-th try of a series, from 1.
 pub(super) fn nth(n: u64) -> f64 {
     if n <= 1 {
         return 4.0 / 3.0;
@@ -46,15 +49,15 @@ pub(super) fn nth(n: u64) -> f64 {
     4.0 * libm::log2(n) * libm::log2(n + 1.0) / step
 }
 
-/// What a record is charged for.
+/// What the bound of a record is charged for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in super::super) struct Charge {
-    /// Which try it was for its host and owner, from 1.
+    /// The number of the try for its host and owner, from 1.
     pub(super) tries: u64,
-    /// Marks of its host and owner that are counted with it: itself, and those that this verification
-    /// does not count anyhow.
+    /// Marks of its host and owner that are counted with it: itself, and those that this
+    /// verification does not count anyway.
     pub(super) siblings: u64,
-    /// Which question about it this is, from 1; 0 where questions are not counted.
+    /// The number of this question about it, from 1; 0 if questions are not counted.
     pub(super) questions: u64,
 }
 
@@ -65,7 +68,8 @@ impl Default for Charge {
 }
 
 impl Charge {
-    /// Of a record, where its `question` is counted; `alone` where it is asked about by its id.
+    /// The charge of a record. `question` is the number of the question if it is counted; `alone`
+    /// says that the request asks about the record by its id.
     pub(in super::super) fn new(tally: &Tally, question: Option<u64>, alone: bool) -> Self {
         let siblings = if alone { tally.siblings } else { tally.revoked_siblings };
         Self {
@@ -75,18 +79,18 @@ impl Charge {
         }
     }
 
-    /// What the bound is multiplied by.
+    /// The factor on the bound.
     pub(in super::super) fn factor(&self) -> f64 {
         let questions = if self.questions == 0 { 1.0 } else { nth(self.questions) };
         nth(self.tries) * self.siblings as f64 * questions
     }
 }
 
-/// What a record is charged for, asked when it is first found; `None` where that cannot be told.
+/// Finds the charge of a record when the record is first found; `None` if the charge is not known.
 pub(super) type Lookup = Arc<dyn Fn(Uuid) -> Option<Charge> + Send + Sync>;
 
-/// The charges of records: those that are known, and a way to ask for others. A detector cascade that
-/// ended at a bound without its charge would leave a verdict open that later stages could close.
+/// The charges of records: those that are known, and a way to look up others. If the cascade ended
+/// at a bound without its charge, the verdict might stay open although later stages could close it.
 #[derive(Clone, Default)]
 pub(super) struct Charges {
     known: HashMap<Uuid, Charge>,
@@ -94,12 +98,13 @@ pub(super) struct Charges {
 }
 
 impl Charges {
-    /// Asks `lookup` for all records; on the pool only, for it may wait for the registry.
+    /// Looks all charges up with `lookup`. Used on the pool only, because a lookup may wait for the
+    /// registry.
     pub(super) fn asking(lookup: Lookup) -> Self {
         Self { known: HashMap::new(), lookup: Some(lookup) }
     }
 
-    /// What a record is charged for.
+    /// The charge of a record.
     pub(super) fn of(&mut self, id: Uuid) -> Charge {
         let lookup = &self.lookup;
         let ask = || lookup.as_ref().and_then(|lookup| lookup(id)).unwrap_or_default();
@@ -121,11 +126,11 @@ mod tests {
             before = cost;
             sum += 1.0 / cost;
         }
-        // What is left for those after the last: the series telescopes.
+        // The rest, for all later tries: the series telescopes.
         let rest = 0.25 / libm::log2(2_000_001.0);
         assert!((sum + rest - 1.0).abs() < 1e-9, "{sum} {rest}");
         assert!(nth(0) >= 1.0 && nth(u64::MAX).is_finite());
-        // A plain client who asks ten times has decades to spare.
+        // A client who asks ten times has decades to spare.
         assert!(libm::log10(nth(10)) < 2.6 && libm::log10(nth(100)) < 4.2);
     }
 

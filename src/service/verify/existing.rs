@@ -1,8 +1,9 @@
-//! The marks of a host that is about to be marked: the cheap stages of the cascade, then the hosts that it
-//! looks like, so that a copy of somebody's asset is found out although it was damaged past the blind
-//! reader.
+//! Finds the marks of a host that is about to be marked. The cheap stages of the cascade run first.
+//! Then the host is compared with the hosts that it is most like, so that a copy of another owner's
+//! asset is found even after damage that the blind reader does not survive.
 //!
-//! Looks at all live marks, whoever asks. Must not know what is done about what it finds.
+//! All live marks are searched, whoever makes the request. Must not know what is done about what it
+//! finds.
 
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use crate::formats::Asset;
 use crate::jobs::{Memory, Slot, Stop};
 use crate::watermark::{CodewordIndex, Suspect};
 
-/// How far a host has been looked at.
+/// The state of a search for the marks of a host.
 pub(in super::super) struct Looking {
     suspect: Suspect,
     all: CodewordIndex,
@@ -26,9 +27,9 @@ pub(in super::super) struct Looking {
 }
 
 impl Service {
-    /// On the pool: as far as the file and the marks alone lead; `None` where there is nothing to look
-    /// for. `geometry` is the key of the host's geometry: one that is registered already was looked at
-    /// when it was.
+    /// On the pool: the part of the search that needs only the file and the marks; `None` if there
+    /// is no mark to search for. `geometry` is the key of the host's geometry. A geometry that is
+    /// registered already was searched when it was registered.
     pub(in super::super) fn begin_looking(
         &self,
         host: &Asset,
@@ -41,7 +42,8 @@ impl Service {
         let begun = self.begin(host.mesh(), (None, Charges::default()), Depth::Fast, stop);
         let Begun { suspect, all, cascade, .. } = match begun {
             Ok(begun) => begun,
-            // A surface that cannot be read cannot be marked either, and marking says why.
+            // A surface that cannot be read cannot be marked either, and the marking gives the
+            // reason.
             Err(ServiceError::Watermark(_)) => return Ok(None),
             Err(error) => return Err(error),
         };
@@ -54,8 +56,8 @@ impl Service {
         Ok(Some(Looking { suspect, all, cascade, listed }))
     }
 
-    /// The live marks that a host carries for certain (below the threshold of a match), best first, and
-    /// those that its earlier records name.
+    /// The live marks that a host carries with a bound below the match threshold, best first, and
+    /// the marks that the newest record of the same geometry names.
     pub(in super::super) async fn marks_on(
         self: &Arc<Self>,
         slot: &Slot,

@@ -1,5 +1,5 @@
-//! Hosts and filters that were needed lately, kept in memory: preparing a host takes as long as
-//! looking at it from one suspect.
+//! Hosts and filters that were used lately, kept in memory: preparing a host takes as long as
+//! comparing one suspect with it.
 
 use std::sync::Arc;
 
@@ -13,13 +13,14 @@ use crate::recognition::HostModel;
 use crate::registry::Record;
 use crate::watermark::{BitCount, EmbedParams, HostFilter, Method};
 
-/// Bytes that hosts, and as many that filters may take: some twenty hosts of 50,000 vertices each.
+/// Most bytes of the hosts, and of the filters: enough for some twenty hosts of 50,000 vertices
+/// each.
 const BYTES: u64 = 256 << 20;
 
-/// Of which size the cache expects its entries to be.
+/// The size of an entry that the cache is laid out for.
 const USUAL_BYTES: u64 = 16 << 20;
 
-/// What a filter depends on besides the host: nothing else of the record.
+/// Everything that a filter depends on: the host, and these fields of the record.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct FilterKey {
     host: HostKey,
@@ -51,7 +52,7 @@ pub(in super::super) struct HostCache {
 }
 
 impl HostCache {
-    /// Empty ones.
+    /// Empty caches.
     pub(in super::super) fn new() -> Self {
         let entries = usize::try_from(BYTES / USUAL_BYTES).unwrap_or(1);
         Self {
@@ -60,7 +61,7 @@ impl HostCache {
         }
     }
 
-    /// A host, if it is there.
+    /// A host, if it is in memory.
     pub(super) fn host_model(&self, key: HostKey) -> Option<Arc<HostModel>> {
         self.host_cache.get(&key)
     }
@@ -70,7 +71,8 @@ impl HostCache {
         self.host_cache.insert(key, host_model.clone());
     }
 
-    /// The filter on a host of the marks of a layout class that are otherwise like a record's.
+    /// The filter on a host for the marks of one layout class with the method, strength and number
+    /// of bits of `record`.
     pub(super) fn filter(
         &self,
         host: (HostKey, &HostModel),

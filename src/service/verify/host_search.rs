@@ -1,10 +1,11 @@
-//! The expensive detectors: a suspect is brought into the coordinates of hosts of a short list and read there, in the
-//! host's own frame and by the matched filter (`recipients`).
+//! The expensive detectors: a suspect is registered to the hosts of a short list, and is read in
+//! each host's own frame and by the matched filter (`recipients`).
 //!
-//! What may be scored is fixed before anything is: each host has a share of the error probability by
-//! its place on the short list (`shortlist::shares`), each pose hypothesis at it a share of that, and within a pose hypothesis each record of the
-//! host counts. So it is no matter where the search ends, or for which of many recipients' copies the
-//! filter (the most expensive) is really run.
+//! What may be scored is fixed before anything is scored. Each host has an error share by its rank
+//! on the short list (`shortlist::shares`). Each pose hypothesis of the host has a share of that,
+//! and within a pose hypothesis each record of the host counts. So it does not matter where the
+//! search ends, or for which of many recipients' copies the filter, the most expensive detector, is
+//! really run.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -30,12 +31,13 @@ use crate::watermark::{
     Candidate, CodewordIndex, Frame, GroupKey, Hypothesis, Profile, ReportLimits, Suspect,
 };
 
-/// Fewer vertices than this that are known one by one say too little for the matched filter.
+/// Fewest correspondences for the matched filter: fewer say too little.
 const LEAST_CORRESPONDENCES: usize = 32;
 
-/// Share of its strength that a statistic of a sound mark has at least, and share of the bins of
-/// which that is expected. (The embedder gives up to a tenth of the bins less where more would be
-/// expensive; in the mean of two copies it is a quarter to a half of them.)
+/// A bin is sound if its statistic has at least the share `SOUND` of the mark's strength. A sound
+/// mark is expected to have at least the share `SOUND_BINS` of sound bins. The embedder moves up to
+/// a tenth of the bins less, where more would be expensive. In the mean of two copies, a quarter to
+/// a half of the bins are not sound.
 const SOUND: f64 = 0.6;
 const SOUND_BINS: f64 = 0.9;
 
@@ -43,11 +45,11 @@ const SOUND_BINS: f64 = 0.9;
 pub(super) struct CandidateHost {
     pub(super) key: HostKey,
     pub(super) host_model: Arc<HostModel>,
-    /// The part of the error probability that it may spend.
+    /// The part of the error probability that the host may spend.
     pub(super) share: f64,
-    /// Ids of its records that are asked about, ascending.
+    /// Ids of its records that the request asks about, ascending.
     pub(super) ids: Vec<u128>,
-    /// Its live records, asked about or not, oldest first (of very many the newest); at least one.
+    /// Its live records, asked about or not, oldest first; at least one. Of very many, the newest.
     pub(super) records: Vec<Record>,
 }
 
@@ -64,7 +66,7 @@ impl CandidateHost {
     }
 }
 
-/// What is compared.
+/// What is compared with what.
 pub(super) struct HostSearch<'a> {
     pub(super) mesh: &'a Mesh,
     pub(super) suspect: &'a Suspect,
@@ -75,7 +77,7 @@ pub(super) struct HostSearch<'a> {
     pub(super) keys: &'a KeyRing,
     pub(super) host_cache: &'a HostCache,
     pub(super) depth: Depth,
-    /// Work of registration, over all hosts.
+    /// The work that registration may do, over all hosts.
     pub(super) allowed: Allowed,
     pub(super) stop: &'a Stop,
 }
@@ -90,14 +92,15 @@ fn elements(mesh: &Mesh) -> u64 {
 }
 
 impl HostSearch<'_> {
-    /// Looks at host after host until a mark is recognised. Where one is already, for which other
-    /// recipients there are, until they are looked for.
+    /// Compares the suspect with host after host until a mark is recognised. If a mark is
+    /// recognised already and does not look like one copy alone, its host is searched once for
+    /// other recipients.
     pub(super) fn run(&self, cascade: &mut Cascade) -> Result<(), ServiceError> {
         let suspect_model = SuspectModel::new(self.mesh, self.suspect.surface());
         if let Some(found) = cascade.best_match() {
             let (id, sound) = (found.id, self.is_sound(found)?);
             self.compare_shapes(id, &suspect_model, cascade)?;
-            // The list is the host of what was found: other records of it are other recipients.
+            // The list is the host of the found record: its other records are other recipients.
             let alone = self.hosts.iter().all(|candidate_host| candidate_host.records.len() == 1);
             if sound || alone {
                 return Ok(());
@@ -146,7 +149,8 @@ impl HostSearch<'_> {
         Ok(())
     }
 
-    /// Notes whether the suspect has the shape of a record's host at all: the record was found without.
+    /// Notes whether the suspect has the shape of a record's host, for a record that was found
+    /// without its host.
     fn compare_shapes(
         &self,
         id: Uuid,
@@ -170,8 +174,8 @@ impl HostSearch<'_> {
         Ok(())
     }
 
-    /// Whether what was found looks like one mark and no mean of several: nearly all of its bins are
-    /// as far from neutral as the embedder put them.
+    /// Whether a found mark looks like one copy and not like a mean of several: nearly all of its
+    /// bins are as far from neutral as the embedder put them.
     fn is_sound(&self, found: &Found) -> Result<bool, ServiceError> {
         let records = self.hosts.iter().flat_map(|candidate_host| &candidate_host.records);
         let Some(record) = records.into_iter().find(|record| record.id == found.id) else {
@@ -191,7 +195,7 @@ impl HostSearch<'_> {
         profile.ok_or_else(|| self.stop.reason().into())
     }
 
-    /// Breaks when all is said.
+    /// Reads the suspect at one pose hypothesis. Breaks when no further pose hypothesis is needed.
     fn read(
         &self,
         candidate_host: &CandidateHost,
@@ -238,7 +242,7 @@ impl HostSearch<'_> {
         Recipients::new(self, candidate_host, &ranking, pose).read(&seen, cascade)
     }
 
-    /// The host's records that score better than chance in its frame, best first.
+    /// The host's records that score better than chance in this frame, best first.
     fn in_frame(&self, candidate_host: &CandidateHost, profile: &Profile) -> Vec<Candidate> {
         let frame = profile.frame();
         let mut ids: Vec<u128> = candidate_host.records.iter().map(|r| r.id.as_u128()).collect();
@@ -250,7 +254,7 @@ impl HostSearch<'_> {
             let soft = Arc::new(profile.read(key.class, key.bits, key.modulation));
             vec![Hypothesis { frame, soft }]
         };
-        // What does not match is ranked, too; no bound is above one.
+        // Records that do not match are ranked too; no bound is above one.
         marks.search(&read, ReportLimits { log10_bound: 0.0, most: usize::MAX }).candidates
     }
 }

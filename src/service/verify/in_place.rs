@@ -1,5 +1,5 @@
-//! The host's own frame, for marks that the request names: a suspect that was neither moved nor
-//! scaled is read there even when half of it has been cut away.
+//! The host's own frame, for marks that the request names. A suspect that was neither moved nor
+//! scaled can be read there even when half of it has been cut away.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::keys::KeyRing;
 use crate::registry::Record;
 use crate::watermark::{Candidate, Hypothesis, ReportLimits, Suspect};
 
-/// Records that are scored, those with the last ids first: one pass over the norms each.
+/// Most records that are scored, those with the last ids first. Each costs one pass over the norms.
 const MOST_RECORDS: usize = 1_000;
 
 pub(super) struct InPlace;

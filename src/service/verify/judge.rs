@@ -1,4 +1,4 @@
-//! The answer: names the owners of what was found and says what it rests on.
+//! The answer: names the owners of the found marks, and says what the verdict rests on.
 
 use uuid::Uuid;
 
@@ -14,8 +14,9 @@ use super::count::share;
 use super::{Depth, Searched};
 use crate::registry::{ExistingMark, Record};
 
-/// Share of a file's surface on a host's below which the file is another object. Copies under the
-/// attacks of the acceptance table have 0.9 and more, other objects with a host's norms less than 0.3.
+/// A file with less than this share of its surface on the host's surface is another object. Copies
+/// under the attacks of the acceptance table have 0.9 and more; other objects with a host's norms
+/// have less than 0.3.
 const SAME_SHAPE: f64 = 0.5;
 
 impl Service {
@@ -37,7 +38,7 @@ impl Service {
         let worth = |found: &Found| found.log10_fp < thresholds.inconclusive;
         for found in charged.into_iter().filter(worth) {
             let record = self.registry.record(found.id).await?;
-            // Revoked while we searched.
+            // The record may have been revoked during the search.
             let live = record.filter(|record| record.revoked_at.is_none());
             matches
                 .extend(live.map(|record| (record.existing_marks.clone(), told(record, &found))));
@@ -104,8 +105,9 @@ impl Service {
 }
 
 impl Service {
-    /// Adds marks that lie below others, which match. A later mark takes an earlier one's place, and
-    /// what is left of that is not always enough; but the record of the later one names it.
+    /// Adds marks that lie below other marks that match. A later mark overwrites an earlier one,
+    /// and what is left of the earlier one is not always enough to read it. But the record of the
+    /// later mark names the earlier one.
     async fn with_those_below(
         &self,
         mut matches: Vec<Match>,

@@ -1,11 +1,12 @@
-//! The layout search: where the bins lie is found from the suspect alone, then every mark is
-//! scored there. For files whose extremes or centre have moved.
+//! The layout search: bin layouts are found from the suspect alone, then every mark is scored with
+//! them. It is meant for files whose extremes or centre have moved.
 //!
-//! Not all bin layouts fit all classes, so how many readings a record is scored against depends on its
-//! class. That number is not counted, for it would tell the class to whoever asks about one record;
-//! what is counted is its mean over all classes. That is sound: a class is drawn by the key, uniformly
-//! and independently of the suspect, so the probability that a record of whatever class scores so high
-//! at any of its readings is at most the mean number of readings times that of one.
+//! Not every bin layout fits every class, so the number of readings that a record is scored against
+//! depends on its class. That number is not the one that is counted, because it would reveal the
+//! class to whoever asks about one record. The mean number over all classes is counted instead.
+//! This is sound: the key draws the class uniformly and independently of the suspect. So the
+//! probability that a record, whatever its class, scores so high at any of its readings is at most
+//! the mean number of readings times the probability at one reading.
 
 use std::collections::BTreeMap;
 
@@ -18,19 +19,19 @@ use crate::watermark::{
     synchronise_until,
 };
 
-/// Kinds of marks (number of bits and modulation) that are searched for, those with most records
-/// first: each costs a search of its own.
+/// Most kinds of marks (number of bits and modulation) that are searched for, those with most
+/// records first. Each kind costs a search of its own.
 const MOST_KINDS: usize = 4;
 
-/// A layout search, near or far. Over the attacks of `benches/blind.rs` the true bin layout was among
-/// the best three about its centre, and that centre among the best two by energy.
+/// A layout search, near or far. For the attacks of `benches/blind.rs`, the true bin layout was
+/// among the best three about its centre, and that centre was among the best two by energy.
 pub(super) struct LayoutSearch {
     name: StageName,
     effort: LayoutEffort,
 }
 
 impl LayoutSearch {
-    /// For extremes that have moved and centres that hardly have: stray vertices, smoothing.
+    /// For extremes that have moved while the centre hardly has: stray vertices, smoothing.
     pub(super) const NEAR: Self = Self {
         name: StageName::LayoutSearchNear,
         effort: LayoutEffort { radius: 0.002, candidates: 3, centres: 2, layouts: 3 },
@@ -76,13 +77,14 @@ impl Stage for LayoutSearch {
     }
 }
 
-/// What is counted for so many records of one kind, of whatever classes.
+/// The number of hypotheses that is counted for so many records of one kind, whatever their
+/// classes.
 fn hypotheses(records: usize, found: &Layouts) -> u64 {
     let readings = (records as u64).saturating_mul(found.of_all_classes() as u64);
     readings.div_ceil(LAYOUT_CLASSES as u64)
 }
 
-/// What is worth a report when at least so many hypotheses are counted.
+/// The bound that is worth a report when at least so many hypotheses are counted.
 pub(super) fn stricter(worth: ReportLimits, hypotheses: usize) -> ReportLimits {
     let counted = (hypotheses.max(1) as f64).log10();
     ReportLimits { log10_bound: worth.log10_bound - counted, ..worth }
@@ -100,7 +102,7 @@ mod tests {
     use crate::sample::Sample;
     use crate::watermark::{Codeword, CodewordIndex, MarkKey, Message, Suspect, synchronise};
 
-    /// A codeword of each class that is wanted.
+    /// A codeword of the given class.
     fn of_class(class: u8) -> Codeword {
         let message = Message::from_bytes(&[], BitCount::default()).unwrap();
         (0..=u32::MAX)

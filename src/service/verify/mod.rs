@@ -1,9 +1,9 @@
 //! Verify: whose mark does this file carry?
 //!
-//! A verdict is a bound, not a feeling (invariant I4): `log10_fp` bounds the probability
-//! that a file which does not carry the mark scores so high, and every hypothesis that was scored
-//! is counted (`count`). Detectors are stages of a cascade (`cascade`), one file each, the cheap ones
-//! first; the expensive ones run while the verdict is open. What a request names restricts what is
+//! A verdict is a bound (invariant I4): `log10_fp` bounds the probability that a file which does
+//! not carry the mark scores so high, and every hypothesis that was scored is counted (`count`).
+//! Detectors are stages of a cascade (`cascade`), one file each. The cheap ones come first; the
+//! expensive ones run while the verdict is open. A request that names marks restricts what is
 //! scored, and so what is counted.
 
 mod blind;
@@ -50,7 +50,7 @@ use overmarks::overmarks;
 use questions::Questions;
 use shortlist::{FetchedHost, ListedHost};
 
-/// A suspect, and what it is compared with.
+/// A suspect, and the marks that it is compared with.
 #[derive(Debug)]
 pub struct VerifyRequest {
     /// The suspect.
@@ -59,11 +59,11 @@ pub struct VerifyRequest {
     pub owner_id: Option<Text>,
     /// Only this mark.
     pub watermark_id: Option<Uuid>,
-    /// How much is tried.
+    /// How much may be tried.
     pub depth: Depth,
 }
 
-/// How much a verification tries before it says that there is no match.
+/// How much a verification tries before it answers that there is no match.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Depth {
@@ -77,7 +77,7 @@ pub enum Depth {
 }
 
 impl Depth {
-    /// All of them, the least first.
+    /// All depths, the least first.
     pub const ALL: [Self; 3] = [Self::Fast, Self::Standard, Self::Exhaustive];
 
     /// Its name in requests.
@@ -105,14 +105,15 @@ impl FromStr for Depth {
     }
 }
 
-/// What the verdict is made of.
+/// The results that the verdict is made of.
 struct Searched {
     format: Format,
     vertices: usize,
     triangles: usize,
     outcome: CascadeOutcome,
     looked_at: LookedAt,
-    /// Marks that were not asked about: only what their records say of those that were counts.
+    /// Marks that the request does not ask about. Only what their records say of the marks that it
+    /// does ask about is used.
     later: Vec<Found>,
     /// The records that the request names.
     named: Option<Arc<Named>>,
@@ -125,15 +126,15 @@ struct Read {
     mesh: Mesh,
 }
 
-/// What the first job hands to the second.
+/// What the first job passes to the second.
 struct Begun {
     suspect: Suspect,
-    /// All marks, and those that are asked about.
+    /// All marks, and the marks that the request asks about.
     all: CodewordIndex,
     marks: CodewordIndex,
     cascade: Cascade,
     later: Vec<Found>,
-    /// Hosts to look at; none when the verdict is clear or the depth does not ask for more.
+    /// Hosts to compare with; empty when the verdict is clear or the depth allows none.
     listed: Vec<ListedHost>,
 }
 
@@ -141,8 +142,8 @@ impl Service {
     /// Compares a suspect with the registered marks and keeps the verdict.
     ///
     /// # Errors
-    /// [`ServiceError`]: the file cannot be read, or the request names what does not exist or cannot
-    /// be searched for. Then no verdict is kept.
+    /// [`ServiceError`] when the file cannot be read, or the request names what does not exist or
+    /// cannot be searched for. Then no verdict is kept.
     pub async fn verify(
         self: &Arc<Self>,
         request: VerifyRequest,
@@ -153,7 +154,8 @@ impl Service {
         let (service, file, named) = (self.clone(), request.file, named.map(Arc::new));
         let sha256 = hex::encode(file.sha256);
         let known = named.clone();
-        // Held until the verdict is kept: a verification that began is not refused half-way.
+        // The slot is held until the verdict is kept, so that a verification that has begun is not
+        // refused half-way.
         let slot = self.admit()?;
         let questions = self.questions(question, named.as_deref());
         let charges = questions.charges().clone();
@@ -172,7 +174,8 @@ impl Service {
         let asked = (named.clone(), questions);
         let searched = self.end(&slot, read, begun, asked, depth).await?;
         let verification = self.judge(searched, depth, sha256).await?;
-        // What it named may have been found and dropped, because it was revoked meanwhile.
+        // A mark that the request names may have been found, and dropped because it was revoked
+        // meanwhile.
         if verification.matches.is_empty() && named.is_some_and(|named| !self.searches(&named)) {
             return Err(revoked_meanwhile());
         }
@@ -196,7 +199,7 @@ impl Service {
         Ok(found.ok_or(ServiceError::UnknownVerification(id))?.answer)
     }
 
-    /// On the pool: climbs as far as suspect and marks alone lead.
+    /// On the pool: runs the stages that need only the suspect and the marks.
     fn begin(
         &self,
         mesh: &Mesh,
@@ -233,7 +236,8 @@ impl Service {
         Ok(Begun { suspect, all, marks, cascade, later, listed })
     }
 
-    /// Looks at the hosts of the short list, if there is one, and climbs on.
+    /// Compares the suspect with the hosts of the short list, if there are any, and runs the late
+    /// stages.
     async fn end(
         self: &Arc<Self>,
         slot: &Slot,
@@ -291,7 +295,7 @@ impl Service {
 }
 
 impl Service {
-    /// On the pool: looks at hosts.
+    /// On the pool: compares the suspect with hosts.
     fn search(
         &self,
         hosts: Vec<FetchedHost>,

@@ -7,27 +7,27 @@ use super::super::{BATCH, Service, ServiceError, Text};
 use super::VerifyRequest;
 use crate::registry::Record;
 
-/// Records whose details are fetched: those with the last ids.
+/// Most records whose details are fetched: those with the last ids.
 const DETAILED: usize = 4096;
 
 /// The live records that a request names.
 #[derive(Debug)]
 pub(super) struct Named {
-    /// All of them, ascending.
+    /// The ids of all of them, ascending.
     ids: Vec<u128>,
-    /// Of those with the last ids the ones that can be read, in the order of the ids.
+    /// Those of the records with the last ids that can be read, in the order of their ids.
     records: Vec<Record>,
-    /// One was named by its id.
+    /// Whether the request names one record by its id.
     by_id: bool,
 }
 
 impl Named {
-    /// Whether it names a record.
+    /// Whether the request names this record.
     pub(super) fn contains(&self, id: Uuid) -> bool {
         self.ids.binary_search(&id.as_u128()).is_ok()
     }
 
-    /// Whether the request names one by its id.
+    /// Whether the request names one record by its id.
     pub(super) fn by_id(&self) -> bool {
         self.by_id
     }
@@ -37,18 +37,18 @@ impl Named {
         &self.ids
     }
 
-    /// Records in the order of their ids; of most owners all that can be read.
+    /// Records in the order of their ids. For most owners these are all that can be read.
     pub(super) fn records(&self) -> &[Record] {
         &self.records
     }
 }
 
 impl Service {
-    /// What the request names; `None` when it names nothing.
+    /// The marks that the request names; `None` if it names none.
     ///
     /// # Errors
-    /// [`ServiceError::NothingToCompare`] when nothing that it asks about can be searched for: an
-    /// answer of `no_match` would say that somebody looked.
+    /// [`ServiceError::NothingToCompare`] when no mark that the request asks about can be searched
+    /// for: an answer of `no_match` would say that a search was made.
     pub(super) async fn named(
         &self,
         request: &VerifyRequest,
@@ -60,7 +60,8 @@ impl Service {
             (None, None) => None,
         };
         if !self.is_searched(named.as_ref()) {
-            // What is being registered is in the registry before it is searched for.
+            // A mark that is being registered is in the registry before it is in the index: wait
+            // for it.
             drop(self.order.write().await);
             if !self.is_searched(named.as_ref()) {
                 self.explain(named.as_ref(), owner_id).await?;
@@ -69,7 +70,7 @@ impl Service {
         Ok(named)
     }
 
-    /// Whether any mark that is asked about is searched for.
+    /// Whether any mark that the request asks about is searched for.
     fn is_searched(&self, named: Option<&Named>) -> bool {
         named.map_or(self.known.len() > 0, |named| self.searches(named))
     }
@@ -104,13 +105,13 @@ impl Service {
         }
         let newest = ids.split_at(ids.len().saturating_sub(DETAILED)).1;
         let mut records = self.registry.records(newest).await?;
-        // Revoked in the meantime.
+        // Some may have been revoked in the meantime.
         records.retain(|record| record.revoked_at.is_none());
         let ids = ids.iter().map(Uuid::as_u128).collect();
         Ok(Named { ids, records: self.readable(records), by_id: false })
     }
 
-    /// Those whose master keys are there; the others are not searched for.
+    /// Keeps the records whose master keys are available; the others are not searched for.
     pub(super) fn readable(&self, mut records: Vec<Record>) -> Vec<Record> {
         let has_key = |Record { key_id, salt, owner_id, .. }: &Record| {
             mark_key(&self.keys, key_id, salt, owner_id).is_ok()
@@ -119,8 +120,8 @@ impl Service {
         records
     }
 
-    /// Says why nothing can be searched for. An empty registry, asked about without naming anybody, is
-    /// none of these cases: that no registered mark is in the file is then the true answer.
+    /// Says why no mark can be searched for. An empty registry is no such case if the request names
+    /// nobody: then the true answer is that the file carries no registered mark.
     async fn explain(
         &self,
         named: Option<&Named>,
@@ -180,7 +181,7 @@ mod tests {
         }
     }
 
-    /// A service with these records, loaded.
+    /// A service that has loaded these records.
     async fn with(directory: &std::path::Path, records: &[&Record]) -> Arc<Service> {
         let registry = Sqlite::open(directory).await.unwrap();
         for record in records {

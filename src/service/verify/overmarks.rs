@@ -1,6 +1,6 @@
-//! Later marks: where the request asks about an older mark only, those laid over it are not asked
-//! about. They are looked for all the same, in the blind frame, because their records may name the one
-//! that is.
+//! Overmarks: when a request asks about an older mark only, it does not ask about the marks laid
+//! over that one. These are searched for all the same, in the blind frame, because their records
+//! may name the older mark.
 
 use super::super::ServiceError;
 use super::super::verdict::{StageName, Thresholds};
@@ -10,7 +10,7 @@ use super::charge::Charges;
 use super::count::counted;
 use crate::watermark::CodewordIndex;
 
-/// The marks that match, of `all`, best first; notes in `cascade` how many were tried.
+/// The marks of `all` that match, best first. Notes in `cascade` how many hypotheses were scored.
 pub(super) fn overmarks(
     case: &Case<'_>,
     all: &CodewordIndex,

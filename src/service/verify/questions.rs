@@ -1,10 +1,10 @@
 //! Questions: which records a verification asks about, and what that costs.
 //!
-//! The stages run with what this question will cost a record, if no other is answered before it. When
-//! the answer is ready, the question is counted, durably, for these records
-//! and for those that the answer names, and what it then costs is what is charged. A data directory
-//! that is only read is not changed: each question there costs what the next one would. Who has the
-//! directory can ask as often as he likes.
+//! The stages run with the charge that this question will cost a record if no other question is
+//! answered before it. When the answer is ready, the question is counted, durably, for the records
+//! that the request names and for those that the answer names. The resulting charge is the one in
+//! the answer. A data directory that is only read is not changed: each question there costs what
+//! the next counted one would. Whoever has the directory can ask any number of questions.
 
 use std::sync::Arc;
 
@@ -20,13 +20,13 @@ use super::named::Named;
 
 /// What a verification asks about.
 pub(super) struct Questions {
-    /// Identifies the question: the file and the way it is asked about.
+    /// Hash that identifies the question: the file, and the way it is asked about.
     question: [u8; 32],
     /// Records that the request names.
     about: Vec<Uuid>,
-    /// There is one, and it is named by its id.
+    /// Whether the request names one record, by its id.
     alone: bool,
-    /// What it would cost a record now.
+    /// The charges that the question would give now.
     charges: Charges,
 }
 
@@ -36,8 +36,8 @@ impl Questions {
     }
 }
 
-/// SHA-256 over everything that decides what is scored, but for the registry. Each part goes in with
-/// its length.
+/// SHA-256 over everything that decides what is scored, except the registry. Each part is preceded
+/// by its length.
 pub(super) fn identify(request: &VerifyRequest) -> [u8; 32] {
     let owner_id = request.owner_id.as_ref().map_or("", |text| text.as_str());
     let watermark_id = request.watermark_id.map(|id| id.to_string()).unwrap_or_default();
@@ -52,7 +52,7 @@ pub(super) fn identify(request: &VerifyRequest) -> [u8; 32] {
 }
 
 impl Service {
-    /// What a request asks about, before it is answered.
+    /// The records that a request asks about, before it is answered.
     pub(super) fn questions(
         self: &Arc<Self>,
         question: [u8; 32],
@@ -69,15 +69,15 @@ impl Service {
                 async { (registry.tally(id).await, registry.question(id, &question).await) };
             match runtime.block_on(known) {
                 (Ok(tally), Ok(nth)) => Some(Charge::new(&tally, Some(nth), alone)),
-                // What the registry does not tell now, it must before the answer.
+                // A charge that the registry does not report now is needed before the answer.
                 _ => None,
             }
         };
         Questions { question, about, alone, charges: Charges::asking(Arc::new(lookup)) }
     }
 
-    /// Counts the question that is about to be answered and charges what was found; which question it
-    /// is about the record that was asked about most, 0 where it is about none.
+    /// Counts the question that is about to be answered, and charges the findings. Also returns the
+    /// number of this question about the record with the most questions; 0 if it is about none.
     pub(super) async fn charged(
         &self,
         questions: &Questions,

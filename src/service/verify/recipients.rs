@@ -1,7 +1,9 @@
-//! The matched filter for the records of one host, from one pose hypothesis, one after the other.
+//! The matched filter, run for the records of one host at one pose hypothesis, one record after the
+//! other.
 //!
-//! What it is for beside the relief: of 20 suspects each (two keys, ten meshes), in place, it decides 19 of
-//! those with 6 or 5 bits a coordinate, 18 of those with noise of 2 %, and 2 to 4 of smoothed ones.
+//! What it adds to the relief was measured on 20 suspects per attack (two keys, ten meshes), in
+//! place. It decides 19 of those with 6 or 5 bits a coordinate, 18 of those with noise of 2 %, and
+//! 2 to 4 of the smoothed ones.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -17,39 +19,39 @@ use crate::registration::Within;
 use crate::registry::Record;
 use crate::watermark::{Candidate, Codeword, Frame, HostFilter, Hypothesis, SoftBits};
 
-/// How many recipients' copies of a host are run through the matched filter at a pose hypothesis.
+/// Most records of a host that are run through the matched filter at one pose hypothesis.
 fn most_filtered(depth: Depth) -> usize {
     if depth == Depth::Exhaustive { 64 } else { 10 }
 }
 
-/// What a pose hypothesis assumes, and what a stage's bound of a record is multiplied by there.
+/// The assumptions of a pose hypothesis, and the factors on bounds there.
 pub(super) struct PoseContext<'a> {
     pub(super) name: FrameName,
     /// The host's frame in the suspect's coordinates.
     pub(super) frame: Frame,
     pub(super) counted: &'a dyn Fn(StageName) -> f64,
-    /// What looking at the host may still take.
+    /// The work that the comparison with the host may still do.
     pub(super) within: Within<'a>,
 }
 
-/// A record's filter on the host and its codeword.
+/// A record, its codeword, and the filter for it on the host.
 struct Filtered<'a> {
     record: &'a Record,
     codeword: Codeword,
     filter: Arc<HostFilter>,
 }
 
-/// The records of a host, and where a pose hypothesis has its carriers.
+/// The records of a host, and the correspondences of a pose hypothesis.
 pub(super) struct Recipients<'a> {
     search: &'a HostSearch<'a>,
     candidate_host: &'a CandidateHost,
     pose: &'a PoseHypothesis,
-    /// The records that are asked about, likeliest first.
+    /// The records that the request asks about, likeliest first.
     asked: Vec<&'a Record>,
 }
 
 impl<'a> Recipients<'a> {
-    /// `ranking` are ids, those that score best in the host's frame first.
+    /// `ranking` holds the ids of records, those with the best score in the host's frame first.
     pub(super) fn new(
         search: &'a HostSearch<'a>,
         candidate_host: &'a CandidateHost,
@@ -60,7 +62,7 @@ impl<'a> Recipients<'a> {
         let ranked = ranking.iter().filter_map(|&id| candidate_host.record(id)).filter(has_blind);
         let ranked: Vec<&Record> = ranked.collect();
         let is_ranked = |record: &&Record| ranked.iter().any(|known| known.id == record.id);
-        // The rest, newest first: bins say nothing of a suspect that is much damaged.
+        // The rest, newest first: the bins of a heavily damaged suspect say nothing.
         let rest = candidate_host.records.iter().rev();
         let rest = rest.filter(has_blind).filter(|record| !is_ranked(record));
         let asked = ranked.iter().copied().chain(rest);
@@ -69,8 +71,8 @@ impl<'a> Recipients<'a> {
         Self { search, candidate_host, pose, asked }
     }
 
-    /// Scores them; breaks when all is said. One filter at a time is in use: on a large host each
-    /// takes as much memory as the suspect.
+    /// Scores the records; breaks when no further pose hypothesis is needed. One filter at a time
+    /// is in use: on a large host each takes as much memory as the suspect.
     pub(super) fn read(
         &self,
         seen: &PoseContext<'_>,

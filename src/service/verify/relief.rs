@@ -1,7 +1,7 @@
-//! The relief of a host's marks, read from a suspect where a pose hypothesis has it.
+//! The relief of a host's marks, read from a suspect at a pose hypothesis.
 //!
-//! One reading serves all records of the host: weights follow from suspect and host alone, each record is
-//! one sum over the signs of its key.
+//! One reading serves all records of the host. The weights follow from suspect and host alone; each
+//! record then costs one sum over the signs of its key.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -20,7 +20,8 @@ use crate::registry::Record;
 use crate::relief::Signs;
 use crate::watermark::{Candidate, Hypothesis, Score, SoftBits};
 
-/// Scores the records of a host that have a relief; breaks when all is said.
+/// Scores the records of a host that have a relief; breaks when no further pose hypothesis is
+/// needed.
 pub(super) fn read(
     search: &HostSearch<'_>,
     candidate_host: &CandidateHost,
@@ -32,8 +33,8 @@ pub(super) fn read(
     let with_relief = |record: &&Record| record.amplitude.is_some();
     let records: Vec<&Record> =
         candidate_host.records.iter().filter(asked).filter(with_relief).collect();
-    // Marks of one host nearly always have one amplitude; another one makes weights less apt, not
-    // wrong.
+    // Marks of one host nearly always have the same amplitude. For a mark with another amplitude
+    // the weights are less suitable, but not wrong.
     let Some(amplitude) = records.first().and_then(|record| record.amplitude) else {
         return Ok(ControlFlow::Continue(()));
     };

@@ -1,5 +1,6 @@
-//! Which hosts the expensive detectors look at: those whose shape speaks for them, or that the request
-//! names. Shape alone decides, never a codeword, so only what is then scored is counted.
+//! The short list of hosts for the expensive detectors: hosts that are like the suspect in shape,
+//! or that the request names. Shape alone decides, never a codeword, so only what is scored
+//! afterwards is counted.
 
 use std::sync::Arc;
 
@@ -19,14 +20,15 @@ use crate::registration::{Probe, Shape};
 use crate::registry::Record;
 use crate::watermark::Suspect;
 
-/// Records of a host whose details are fetched: the newest. (All are scored in the host's frame.)
+/// Most records of a host whose details are fetched: the newest. All records are scored in the
+/// host's frame.
 const DETAILED: usize = 16_384;
 
-/// Of the error probability, what a family on the list leaves to those after it, and of the family's
-/// share, what a host leaves to the younger ones.
+/// The part of the error probability that a family on the list leaves to the families after it, and
+/// the part of a family's share that a host leaves to the younger hosts of the family.
 const REST: f64 = 0.4;
 
-/// What the hosts of a list may each spend, by the family of each: together at most 1.
+/// The error shares of the hosts of a list, from the family of each host: together at most 1.
 fn shares<F: PartialEq>(families: &[F]) -> Vec<f64> {
     let mut seen: Vec<(&F, f64, f64)> = Vec::new();
     let size = |family: &F| families.iter().filter(|other| *other == family).count();
@@ -45,19 +47,19 @@ fn shares<F: PartialEq>(families: &[F]) -> Vec<f64> {
     families.iter().map(share).collect()
 }
 
-/// A host on the list: its share and its records.
+/// A host on the list, with its error share and its records.
 pub(super) struct ListedHost {
     key: HostKey,
     share: f64,
     records: Vec<Uuid>,
 }
 
-/// Hosts on the list.
+/// Most hosts on the list.
 fn most(depth: Depth) -> usize {
     if depth == Depth::Exhaustive { 24 } else { 8 }
 }
 
-/// A host that may be asked about: its records, and its geometry unless that is in memory.
+/// A host on the list with its live records, and with its geometry unless that is in memory.
 pub(super) struct FetchedHost {
     key: HostKey,
     share: f64,
@@ -68,7 +70,7 @@ pub(super) struct FetchedHost {
 }
 
 impl Service {
-    /// On the pool: the hosts to look at with their records, likeliest first.
+    /// On the pool: the hosts to compare with and their records, likeliest first.
     pub(super) fn shortlist(
         &self,
         suspect: &Suspect,
@@ -121,7 +123,8 @@ impl Service {
         listed
     }
 
-    /// Fetches what the expensive detectors need of the listed hosts; those that are gone are left out.
+    /// Fetches what the expensive detectors need of the listed hosts. Hosts that are gone are left
+    /// out.
     pub(super) async fn fetch(
         &self,
         listed: Vec<ListedHost>,
@@ -150,21 +153,21 @@ impl Service {
         Ok(fetched)
     }
 
-    /// The host of a record with its records, if it is kept.
+    /// The host of a record with its records, if the host is kept.
     pub(super) async fn host_of(
         self: &Arc<Self>,
         id: Uuid,
     ) -> Result<Option<ListedHost>, ServiceError> {
         let Some(record) = self.registry.record(id).await? else { return Ok(None) };
         let Some(key) = HostKey::of(&record) else { return Ok(None) };
-        // Behind a lock that a registration may hold.
+        // A registration may hold the lock: wait for it on a blocking thread.
         let service = self.clone();
         let records = tokio::task::spawn_blocking(move || service.hosts.records_of(key)).await;
         let records = records.map_err(|error| ServiceError::Internal(error.to_string()))?;
         Ok(Some(ListedHost { key, share: 1.0 - REST, records }))
     }
 
-    /// All records of a host have the same.
+    /// The stored geometry of a host. All its records have the same.
     async fn geometry_of(&self, records: &[Record]) -> Result<Option<Bytes>, ServiceError> {
         match records.first().and_then(|record| record.host_geometry) {
             Some(key) => Ok(self.blobs.host(&key).await?),
@@ -172,7 +175,7 @@ impl Service {
         }
     }
 
-    /// On the pool: unpacks what is not in memory, and keeps it there.
+    /// On the pool: unpacks a host that is not in memory, and keeps it there.
     pub(super) fn candidate_host(
         &self,
         listed: FetchedHost,
@@ -209,7 +212,7 @@ impl FetchedHost {
         vertices.saturating_add(triangles)
     }
 
-    /// Bytes of memory that looking at it takes, about.
+    /// Bytes of memory that the comparison with this host needs, approximately.
     pub(super) fn memory(&self) -> u64 {
         let (vertices, triangles) = self.counts();
         memory::of(vertices, triangles, Purpose::Host)
@@ -224,7 +227,7 @@ mod tests {
     fn shares_follow_from_families_and_add_up_to_at_most_one() {
         let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
         assert!(same(&shares(&[1, 2, 3]), &[0.6, 0.24, 0.096]));
-        // Two of a family share its place; who comes after them is where it was.
+        // Two hosts of a family share its rank; the family after them keeps its own.
         assert!(same(&shares(&[1, 1, 2]), &[0.36, 0.144, 0.24]));
         assert!(same(&shares(&[1, 2, 1]), &[0.36, 0.24, 0.144]));
         for families in [vec![7; 24], (0..24).collect(), (0..24).map(|k| k % 5).collect()] {
