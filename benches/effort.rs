@@ -152,7 +152,7 @@ fn main() {
 
 fn cost(what: String, seconds: f64, verification: &Verification) -> Cost {
     let suspect = verification.file.vertices + verification.file.triangles;
-    let hosts = verification.looked_at.elements;
+    let hosts = verification.compared_hosts.elements;
     let allowed = FIXED + SUSPECT * suspect as f64 + HOSTS * hosts as f64;
     let verdict = format!("{:?}", verification.verdict);
     Cost { what, seconds, allowed, suspect, hosts, verdict }

@@ -21,7 +21,7 @@ const FULL: u16 = 1000;
 
 /// The form of the answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Wanted {
+pub(super) enum AnswerForm {
     /// The marked file.
     File,
     /// The record.
@@ -64,11 +64,11 @@ impl Accept {
     }
 
     /// The form of the answer to an upload of this format; `None` if the caller accepts neither.
-    pub(super) fn wanted(&self, format: Format) -> Option<Wanted> {
+    pub(super) fn wanted(&self, format: Format) -> Option<AnswerForm> {
         match (self.weight(format.media_type()), self.weight(JSON)) {
             (0, 0) => None,
-            (file, json) if file >= json => Some(Wanted::File),
-            _ => Some(Wanted::Record),
+            (file, json) if file >= json => Some(AnswerForm::File),
+            _ => Some(AnswerForm::Record),
         }
     }
 
@@ -183,8 +183,8 @@ mod tests {
 
     #[test]
     fn what_callers_send() {
-        use Wanted::{File, Record};
-        let table: &[(&[&str], Option<Wanted>)] = &[
+        use AnswerForm::{File, Record};
+        let table: &[(&[&str], Option<AnswerForm>)] = &[
             (&[], Some(File)),
             (&[""], Some(File)),
             (&["*/*"], Some(File)),

@@ -36,7 +36,7 @@ const BUFFER: usize = 64 << 10;
 
 /// Marks requests that came on a connection beyond the cap.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Crowded;
+pub(super) struct OverCap;
 
 /// All connections of a server.
 pub(super) struct Connections {
@@ -82,7 +82,7 @@ impl Connections {
         let _ = stream.set_nodelay(true);
         let service = self.router.clone().map_request(move |mut request: Request<Incoming>| {
             if crowded {
-                request.extensions_mut().insert(Crowded);
+                request.extensions_mut().insert(OverCap);
             }
             request
         });

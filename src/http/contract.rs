@@ -30,7 +30,7 @@ use Code::{
 };
 
 /// Codes of every operation.
-const ALWAYS: &[Code] = &[MalformedRequest, Internal];
+const COMMON_CODES: &[Code] = &[MalformedRequest, Internal];
 
 /// Codes of every upload.
 const UPLOAD: &[Code] = &[
@@ -61,7 +61,7 @@ const UPLOAD: &[Code] = &[
 ];
 
 /// Codes of every operation except the probes, which answer any client.
-const ASKED: &[Code] = &[HostNotAllowed, CrossOrigin, TooManyConnections];
+const NON_PROBE_CODES: &[Code] = &[HostNotAllowed, CrossOrigin, TooManyConnections];
 
 const EMBED: &[Code] = &[
     NotAcceptable,
@@ -80,21 +80,25 @@ const EMBED: &[Code] = &[
 /// The codes of an operation, by its id.
 fn codes(operation: &str) -> Vec<&'static [Code]> {
     match operation {
-        "embed" => vec![ALWAYS, ASKED, UPLOAD, EMBED],
-        "verify" => vec![ALWAYS, ASKED, UPLOAD, &[UnknownWatermark, NothingToCompare]],
-        "inspect" => vec![ALWAYS, ASKED, UPLOAD],
-        "list_watermarks" => vec![ALWAYS, ASKED, &[InvalidParameter]],
-        "get_watermark" | "revoke_watermark" => vec![ALWAYS, ASKED, &[NotFound, UnknownWatermark]],
+        "embed" => vec![COMMON_CODES, NON_PROBE_CODES, UPLOAD, EMBED],
+        "verify" => {
+            vec![COMMON_CODES, NON_PROBE_CODES, UPLOAD, &[UnknownWatermark, NothingToCompare]]
+        }
+        "inspect" => vec![COMMON_CODES, NON_PROBE_CODES, UPLOAD],
+        "list_watermarks" => vec![COMMON_CODES, NON_PROBE_CODES, &[InvalidParameter]],
+        "get_watermark" | "revoke_watermark" => {
+            vec![COMMON_CODES, NON_PROBE_CODES, &[NotFound, UnknownWatermark]]
+        }
         "get_marked_file" => vec![
-            ALWAYS,
-            ASKED,
+            COMMON_CODES,
+            NON_PROBE_CODES,
             &[NotFound, UnknownWatermark, FileNotKept, FileLost],
             &[PreconditionFailed, RangeNotSatisfiable],
         ],
-        "get_verification" => vec![ALWAYS, ASKED, &[NotFound, UnknownVerification]],
-        "readyz" => vec![ALWAYS, &[ShuttingDown, InsufficientStorage]],
-        "livez" => vec![ALWAYS],
-        _ => vec![ALWAYS, ASKED],
+        "get_verification" => vec![COMMON_CODES, NON_PROBE_CODES, &[NotFound, UnknownVerification]],
+        "readyz" => vec![COMMON_CODES, &[ShuttingDown, InsufficientStorage]],
+        "livez" => vec![COMMON_CODES],
+        _ => vec![COMMON_CODES, NON_PROBE_CODES],
     }
 }
 

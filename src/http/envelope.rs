@@ -16,9 +16,9 @@ use uuid::Uuid;
 
 use super::App;
 use super::code::Code;
-use super::connections::Crowded;
+use super::connections::OverCap;
 use super::error::{ApiError, Problem, ProblemBody};
-use super::intake::Lingering;
+use super::intake::DrainOnDrop;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
@@ -72,7 +72,7 @@ fn admitted(app: &App, request: &Request) -> Result<(), ApiError> {
         return Ok(());
     }
     app.origins.check(request)?;
-    if request.extensions().get::<Crowded>().is_some() {
+    if request.extensions().get::<OverCap>().is_some() {
         let text = "the service has as many connections as it takes; try again shortly";
         let refusal = ApiError::new(Code::TooManyConnections, text);
         return Err(refusal.retry_after(COME_BACK));
@@ -86,7 +86,7 @@ fn lingering(request: Request) -> Request {
     let body = if axum::body::HttpBody::is_end_stream(&body) {
         body
     } else {
-        Body::from_stream(Lingering::new(body, expects_continue))
+        Body::from_stream(DrainOnDrop::new(body, expects_continue))
     };
     Request::from_parts(parts, body)
 }

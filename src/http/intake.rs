@@ -62,7 +62,7 @@ pub(super) struct Intake {
     inner: BodyDataStream,
     limit: u64,
     meter: Arc<Meter>,
-    fruitless: u32,
+    stuck_polls: u32,
     delivered_before: u64,
     stall: Stall,
 }
@@ -74,7 +74,7 @@ impl Intake {
         let inner = body.into_data_stream();
         let shared = meter.clone();
         let stall = Stall::new(idle);
-        (Self { inner, limit, meter, fruitless: 0, delivered_before: 0, stall }, shared)
+        (Self { inner, limit, meter, stuck_polls: 0, delivered_before: 0, stall }, shared)
     }
 
     /// Holds the parser back while it holds many bytes. The parser reads as long as there is
@@ -85,9 +85,10 @@ impl Intake {
         if pulled.saturating_sub(delivered) <= MOST_BACKLOG {
             return None;
         }
-        self.fruitless = if delivered == self.delivered_before { self.fruitless + 1 } else { 0 };
+        self.stuck_polls =
+            if delivered == self.delivered_before { self.stuck_polls + 1 } else { 0 };
         self.delivered_before = delivered;
-        if self.fruitless > MOST_FRUITLESS {
+        if self.stuck_polls > MOST_FRUITLESS {
             return Some(Poll::Ready(Some(Err(io::Error::other(
                 "a part of the form is too long",
             )))));
@@ -137,18 +138,18 @@ impl Stream for Intake {
 /// If a server answers early and closes the connection, the client's system discards the answer:
 /// the client, which is still sending, sees a reset connection instead of the 413. A client that
 /// waits for `100 Continue` has not begun to send, and is not asked to.
-pub(super) struct Lingering {
+pub(super) struct DrainOnDrop {
     inner: Option<BodyDataStream>,
     begun: bool,
 }
 
-impl Lingering {
+impl DrainOnDrop {
     pub(super) fn new(body: Body, expects_continue: bool) -> Self {
         Self { inner: Some(body.into_data_stream()), begun: !expects_continue }
     }
 }
 
-impl Stream for Lingering {
+impl Stream for DrainOnDrop {
     type Item = Result<Bytes, axum::Error>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
@@ -162,7 +163,7 @@ impl Stream for Lingering {
     }
 }
 
-impl Drop for Lingering {
+impl Drop for DrainOnDrop {
     fn drop(&mut self) {
         if let (Some(rest), true, Ok(runtime)) =
             (self.inner.take(), self.begun, tokio::runtime::Handle::try_current())

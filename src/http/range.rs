@@ -8,7 +8,7 @@ use axum::http::{HeaderMap, header};
 
 /// The part of a resource that a request asks for.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Wanted {
+pub(super) enum RequestedRange {
     /// The whole resource: no range is given, or none that is understood.
     Whole,
     /// These bytes; at least one, and all of them exist.
@@ -18,14 +18,14 @@ pub(super) enum Wanted {
 }
 
 /// The part of a resource of `length` bytes that the headers ask for.
-pub(super) fn wanted(headers: &HeaderMap, length: u64) -> Wanted {
+pub(super) fn wanted(headers: &HeaderMap, length: u64) -> RequestedRange {
     let mut lines = headers.get_all(header::RANGE).iter();
-    let (Some(line), None) = (lines.next(), lines.next()) else { return Wanted::Whole };
-    line.to_str().ok().and_then(|line| read(line, length)).unwrap_or(Wanted::Whole)
+    let (Some(line), None) = (lines.next(), lines.next()) else { return RequestedRange::Whole };
+    line.to_str().ok().and_then(|line| read(line, length)).unwrap_or(RequestedRange::Whole)
 }
 
 /// Reads one range of bytes; `None` for anything else.
-fn read(line: &str, length: u64) -> Option<Wanted> {
+fn read(line: &str, length: u64) -> Option<RequestedRange> {
     let (unit, range) = line.split_once('=')?;
     if !unit.trim().eq_ignore_ascii_case("bytes") {
         return None;
@@ -42,7 +42,7 @@ fn read(line: &str, length: u64) -> Option<Wanted> {
             first..last.saturating_add(1).min(length)
         }
     };
-    Some(if range.is_empty() { Wanted::Unsatisfiable } else { Wanted::Part(range) })
+    Some(if range.is_empty() { RequestedRange::Unsatisfiable } else { RequestedRange::Part(range) })
 }
 
 /// Digits only; a number too large for a file counts as the largest.
@@ -59,7 +59,7 @@ mod tests {
     use axum::http::HeaderValue;
     use proptest::prelude::*;
 
-    fn of(line: &str, length: u64) -> Wanted {
+    fn of(line: &str, length: u64) -> RequestedRange {
         let mut headers = HeaderMap::new();
         headers.insert(header::RANGE, HeaderValue::from_str(line).unwrap());
         wanted(&headers, length)
@@ -67,7 +67,7 @@ mod tests {
 
     #[test]
     fn one_range_is_read_and_others_are_ignored() {
-        use Wanted::{Part, Unsatisfiable, Whole};
+        use RequestedRange::{Part, Unsatisfiable, Whole};
         for (line, expected) in [
             ("bytes=0-0", Part(0..1)),
             ("bytes=0-9", Part(0..10)),
@@ -104,7 +104,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_part_is_never_empty_and_always_there(line in "bytes=[0-9]{0,22}-[0-9]{0,22}", length: u64) {
-            if let Wanted::Part(part) = of(&line, length) {
+            if let RequestedRange::Part(part) = of(&line, length) {
                 prop_assert!(part.start < part.end && part.end <= length);
             }
         }
@@ -113,9 +113,9 @@ mod tests {
         fn first_and_last_are_both_inside(first in 0..2000_u64, more in 0..2000_u64, length in 1..2000_u64) {
             let last = first + more;
             let expected = if first >= length {
-                Wanted::Unsatisfiable
+                RequestedRange::Unsatisfiable
             } else {
-                Wanted::Part(first..(last + 1).min(length))
+                RequestedRange::Part(first..(last + 1).min(length))
             };
             prop_assert_eq!(of(&format!("bytes={first}-{last}"), length), expected);
         }

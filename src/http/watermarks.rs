@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use uuid::Uuid;
 
 use super::App;
-use super::accept::{Accept, Wanted};
+use super::accept::{Accept, AnswerForm};
 use super::code::Code;
 use super::conditional::{Outcome, evaluate, range_applies};
 use super::download::{EXISTING, answer_file, etag};
@@ -62,7 +62,7 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
     let config = app.service.config();
     let keep_file = fields.flag("keep_file", config.keep_files)?;
     if !keep_file {
-        formats.retain(|&format| accept.wanted(format) == Some(Wanted::File));
+        formats.retain(|&format| accept.wanted(format) == Some(AnswerForm::File));
     }
     if formats.is_empty() {
         return Err(ApiError::new(
@@ -95,7 +95,7 @@ pub(super) async fn embed(State(app): State<App>, request: Request) -> Result<Re
     let id = record.id.to_string();
     let location = format!("/v1/watermarks/{id}");
     let link = format!("<{location}>; rel=\"describedby\"");
-    let mut response = if accept.wanted(record.format) == Some(Wanted::Record) {
+    let mut response = if accept.wanted(record.format) == Some(AnswerForm::Record) {
         Json(WatermarkBody::from(record)).into_response()
     } else {
         let bytes = content.bytes();
@@ -225,12 +225,15 @@ pub(super) async fn file(
     if method == Method::HEAD {
         return Ok(([accepts], answer_file(&record, Body::empty(), bytes)).into_response());
     }
-    let wanted =
-        if range_applies(&headers, &tag) { wanted(&headers, bytes) } else { range::Wanted::Whole };
+    let wanted = if range_applies(&headers, &tag) {
+        wanted(&headers, bytes)
+    } else {
+        range::RequestedRange::Whole
+    };
     let (status, range) = match wanted {
-        range::Wanted::Whole => (StatusCode::OK, 0..bytes),
-        range::Wanted::Part(range) => (StatusCode::PARTIAL_CONTENT, range),
-        range::Wanted::Unsatisfiable => {
+        range::RequestedRange::Whole => (StatusCode::OK, 0..bytes),
+        range::RequestedRange::Part(range) => (StatusCode::PARTIAL_CONTENT, range),
+        range::RequestedRange::Unsatisfiable => {
             let text = format!("the file has {bytes} bytes; ask for some of them");
             let mut refused = ApiError::new(Code::RangeNotSatisfiable, text).into_response();
             content_range(&mut refused, format!("bytes */{bytes}"));

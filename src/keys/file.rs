@@ -8,7 +8,7 @@ use super::{KeyError, MasterKey, key_from_hex};
 use crate::durable::{create_directory, sync_parent};
 
 /// Appended to the name of the key file, with a random id, for a new file until it is complete.
-const BESIDE: &str = ".new-";
+const STAGING_SUFFIX: &str = ".new-";
 
 pub(super) fn parse(text: &str) -> Result<Vec<MasterKey>, (usize, &'static str)> {
     let mut keys: Vec<MasterKey> = Vec::new();
@@ -72,7 +72,7 @@ fn private_file(path: &Path) -> io::Result<File> {
 /// Writes a new file beside `path`, complete and on the disk before it gets that name.
 fn written_beside(path: &Path, text: &str) -> io::Result<PathBuf> {
     let mut name = path.as_os_str().to_owned();
-    name.push(format!("{BESIDE}{}", uuid::Uuid::now_v7().simple()));
+    name.push(format!("{STAGING_SUFFIX}{}", uuid::Uuid::now_v7().simple()));
     let beside = PathBuf::from(name);
     let mut file = private_file(&beside)?;
     file.write_all(text.as_bytes())?;
@@ -131,8 +131,8 @@ impl Locked {
     /// the two.
     pub(super) fn replace(&self, text: &str) -> io::Result<()> {
         let beside = written_beside(&self.path, text)?;
-        let replaced =
-            become_like(&beside, &self.file).and_then(|()| std::fs::rename(&beside, &self.path));
+        let replaced = copy_owner_and_mode(&beside, &self.file)
+            .and_then(|()| std::fs::rename(&beside, &self.path));
         if replaced.is_err() {
             let _ = std::fs::remove_file(&beside);
         }
@@ -145,7 +145,7 @@ impl Locked {
     pub(super) fn remove_staging(&self) -> usize {
         let Some(parent) = self.path.parent() else { return 0 };
         let Some(name) = self.path.file_name().and_then(std::ffi::OsStr::to_str) else { return 0 };
-        let beginning = format!("{name}{BESIDE}");
+        let beginning = format!("{name}{STAGING_SUFFIX}");
         let Ok(entries) = std::fs::read_dir(parent) else { return 0 };
         let is_staging = |entry: &std::fs::DirEntry| {
             entry.file_name().to_str().is_some_and(|name| name.starts_with(&beginning))
@@ -156,7 +156,7 @@ impl Locked {
 }
 
 #[cfg(unix)]
-fn become_like(beside: &Path, model: &File) -> io::Result<()> {
+fn copy_owner_and_mode(beside: &Path, model: &File) -> io::Result<()> {
     use std::os::unix::fs::{MetadataExt, fchown};
     let file = OpenOptions::new().write(true).open(beside)?;
     let (new, old) = (file.metadata()?, model.metadata()?);
@@ -172,6 +172,6 @@ fn become_like(beside: &Path, model: &File) -> io::Result<()> {
 }
 
 #[cfg(not(unix))]
-fn become_like(_: &Path, _: &File) -> io::Result<()> {
+fn copy_owner_and_mode(_: &Path, _: &File) -> io::Result<()> {
     Ok(())
 }

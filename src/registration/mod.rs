@@ -2,7 +2,7 @@
 //!
 //! A suspect may be a part of the host, moved, turned, scaled, mirrored, renumbered, roughened,
 //! smoothed or tessellated anew. In reading order: [`shape`] (a surface made ready), [`similarity`],
-//! [`by_vertices`] and [`by_surface`] (the two ways), [`prepared`] (what is made once per host or suspect),
+//! [`by_vertices`](mod@by_vertices) and [`by_surface`](mod@by_surface) (the two ways), [`prepared`] (what is made once per host or suspect),
 //! [`budget`] (work that is counted), [`retrieval`] (which hosts to try).
 //!
 //! Pure: knows geometry alone. Must not know codewords or anything that depends on one, for the

@@ -12,7 +12,7 @@ use tracing::error;
 use uuid::Uuid;
 
 use super::known::mark_key;
-use super::making::{Force, Making, is_about_the_codeword, layers_of};
+use super::making::{MarkingJob, StrengthChoice, is_about_the_codeword, layers_of};
 use super::{Content, OnExisting, Service, ServiceError, Spooled, Text, idempotency};
 use crate::blobs::Kind;
 use crate::formats::Format;
@@ -91,7 +91,7 @@ impl Service {
             })?;
         }
         let service = self.clone();
-        self.see_through(async move { service.embed_once(request).await }).await
+        self.run_detached(async move { service.embed_once(request).await }).await
     }
 
     async fn embed_once(self: Arc<Self>, request: EmbedRequest) -> Result<Embedded, ServiceError> {
@@ -131,19 +131,19 @@ impl Service {
         let host_sha256 = request.file.sha256;
         let file_name = request.file.name.take();
         let layers = layers_of(&request)?;
-        let force = Force::of(&request, layers);
+        let force = StrengthChoice::of(&request, layers);
         let (method, bits) = (request.method, request.bits);
         let message_bytes = message.to_bytes();
         let (keep_host, keep_file) = (request.keep_host, request.keep_file);
         let on_existing = Some(request.on_existing);
         let geometry = Arc::new(OnceLock::new());
-        let making = Making {
+        let making = MarkingJob {
             file: request.file,
             formats: request.formats,
             key,
             others,
             message,
-            how: (method, bits, force),
+            parameters: (method, bits, force),
             layers,
             keep_host,
             keep_file,
@@ -154,8 +154,8 @@ impl Service {
         let refused = match (&done, force) {
             (Ok(done), _) => done.refused,
             (Err(error), _) if !is_about_the_codeword(error) => 0,
-            (Err(_), Force::Exactly(..)) => SALTS,
-            (Err(_), Force::Within(..)) => most_tries(SALTS),
+            (Err(_), StrengthChoice::Exactly(..)) => SALTS,
+            (Err(_), StrengthChoice::Within(..)) => most_tries(SALTS),
         };
         // The next mark that is registered for this host and owner was chosen among these tries.
         // The host is identified by its geometry, because an added comment changes the file.
@@ -258,16 +258,16 @@ impl Service {
         // Marking is deterministic: the same host, key and message give the same bytes.
         let message = Message::from_bytes(&record.message, record.bits)?;
         let key = mark_key(&self.keys, &record.key_id, &record.salt, &record.owner_id)?;
-        let making = Making {
+        let making = MarkingJob {
             file: request.file,
             formats: request.formats,
             key,
             others: Vec::new(),
             message,
-            how: (
+            parameters: (
                 record.method,
                 record.bits,
-                Force::Exactly(record.strength, record.amplitude.unwrap_or_default()),
+                StrengthChoice::Exactly(record.strength, record.amplitude.unwrap_or_default()),
             ),
             layers: record.layers,
             keep_host: false,

@@ -26,7 +26,7 @@ use crate::registry::Quality;
 use crate::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Strength, WatermarkError};
 
 /// The result of the pool's work.
-pub(super) struct Done {
+pub(super) struct MarkingResult {
     pub(super) marked: Bytes,
     pub(super) marked_sha256: [u8; 32],
     /// The file as it is stored, if it is kept.
@@ -51,14 +51,14 @@ pub(super) struct Done {
 
 /// How strongly to mark.
 #[derive(Clone, Copy)]
-pub(super) enum Force {
+pub(super) enum StrengthChoice {
     /// With this strength of the blind layer and this amplitude of the relief.
     Exactly(Strength, Amplitude),
     /// As strongly as the distortion allows; the blind layer with at most this strength.
     Within(MaxDistortion, Strength),
 }
 
-impl Force {
+impl StrengthChoice {
     pub(super) fn of(request: &EmbedRequest, layers: Layers) -> Self {
         match (request.max_distortion, request.strength) {
             (None, None) if layers.has_relief() => {
@@ -71,7 +71,7 @@ impl Force {
 }
 
 /// One marking.
-pub(super) struct Making {
+pub(super) struct MarkingJob {
     pub(super) file: Spooled,
     /// Formats that the caller accepts.
     pub(super) formats: Vec<Format>,
@@ -79,7 +79,7 @@ pub(super) struct Making {
     /// Further keys, tried in order where the blind layer is refused.
     pub(super) others: Vec<MarkKey>,
     pub(super) message: Message,
-    pub(super) how: (Method, BitCount, Force),
+    pub(super) parameters: (Method, BitCount, StrengthChoice),
     pub(super) layers: Layers,
     pub(super) keep_host: bool,
     pub(super) keep_file: bool,
@@ -92,23 +92,26 @@ pub(super) struct Making {
 
 impl Service {
     /// Reads the host, looks for marks that it carries, marks it and measures the result.
-    pub(super) async fn mark(self: &Arc<Self>, making: Making) -> Result<Done, ServiceError> {
-        let Making { file, formats, key, others, message, how, layers, .. } = making;
-        let Making { keep_host, keep_file, on_existing, geometry, .. } = making;
-        let (method, bits, force) = how;
+    pub(super) async fn mark(
+        self: &Arc<Self>,
+        making: MarkingJob,
+    ) -> Result<MarkingResult, ServiceError> {
+        let MarkingJob { file, formats, key, others, message, parameters, layers, .. } = making;
+        let MarkingJob { keep_host, keep_file, on_existing, geometry, .. } = making;
+        let (method, bits, force) = parameters;
         let limits = self.config.limits;
         let independent_check_max_bytes = self.config.independent_check_max_bytes;
         let start = match force {
-            Force::Exactly(strength, _) => strength,
+            StrengthChoice::Exactly(strength, _) => strength,
             // Most searches end near this strength.
-            Force::Within(_, strongest) if strongest < Strength::default() => strongest,
-            Force::Within(..) => Strength::default(),
+            StrengthChoice::Within(_, strongest) if strongest < Strength::default() => strongest,
+            StrengthChoice::Within(..) => Strength::default(),
         };
         let service = self.clone();
         let slot = self.admit()?;
         let (spooled, searches_existing) = (Arc::new(file), on_existing.is_some());
         let file = spooled.clone();
-        let (asset, host_key, looking) = self
+        let (asset, host_key, existing_search) = self
             .run(&slot, spooled.bytes, move |allowed| {
                 let host_bytes = file.read()?;
                 takes(&formats, sniff(&host_bytes)?)?;
@@ -118,19 +121,20 @@ impl Service {
                 let host_key = geometry::key_until(asset.mesh(), &stop);
                 let host_key = host_key.ok_or_else(|| allowed.stop().reason())?;
                 let host_key = *geometry.get_or_init(|| host_key);
-                let looking = if searches_existing {
-                    service.begin_looking(&asset, &host_key, allowed.stop())?
+                let existing_search = if searches_existing {
+                    service.begin_existing_search(&asset, &host_key, allowed.stop())?
                 } else {
                     None
                 };
-                Ok((Arc::new(asset), host_key, looking))
+                Ok((Arc::new(asset), host_key, existing_search))
             })
             .await?;
-        let existing = match (on_existing, looking) {
+        let existing = match (on_existing, existing_search) {
             (None, _) => None,
             (Some(_), None) => Some(Vec::new()),
-            (Some(on_existing), Some(looking)) => {
-                let seen = self.marks_on(&slot, &asset, &host_key, looking).await?;
+            (Some(on_existing), Some(existing_search)) => {
+                let seen =
+                    self.find_existing_marks(&slot, &asset, &host_key, existing_search).await?;
                 on_existing.permits(&seen)?;
                 Some(seen)
             }
@@ -147,16 +151,16 @@ impl Service {
                 params: EmbedParams { method, strength: start, bits, closed_loop: true },
                 layers,
                 amplitude: match force {
-                    Force::Exactly(_, amplitude) => amplitude,
-                    Force::Within(..) => Amplitude::default(),
+                    StrengthChoice::Exactly(_, amplitude) => amplitude,
+                    StrengthChoice::Within(..) => Amplitude::default(),
                 },
                 limits,
                 stop: &stop,
                 independent_check_max_bytes,
             };
             let marked = match force {
-                Force::Exactly(..) => mark_asset(asset, &host_bytes, &request)?,
-                Force::Within(limit, strongest) => {
+                StrengthChoice::Exactly(..) => mark_asset(asset, &host_bytes, &request)?,
+                StrengthChoice::Within(limit, strongest) => {
                     mark_asset_within(asset, &host_bytes, &request, limit, strongest)?
                 }
             };
@@ -168,7 +172,7 @@ impl Service {
             let packed = keep_file.then(|| packed(&bytes, &sha256, allowed.stop())).transpose()?;
             let usable_bins = u32::try_from(report.usable_bins)
                 .map_err(|_| ServiceError::Internal("too many bins".to_owned()))?;
-            Ok(Done {
+            Ok(MarkingResult {
                 key,
                 marked_sha256: sha256,
                 packed,

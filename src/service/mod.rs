@@ -57,7 +57,7 @@ pub use inspect::Inspected;
 pub use spool::{Spool, Spooled};
 pub use text::Text;
 pub use verdict::{
-    Evidence, FileFacts, FrameFacts, FrameName, LookedAt, Match, StageName, StageRun, Verdict,
+    ComparedHosts, Evidence, FileFacts, FrameFacts, FrameName, Match, StageName, StageRun, Verdict,
     Verification,
 };
 pub use verify::{Depth, VerifyRequest};
@@ -403,7 +403,7 @@ impl Service {
     }
 
     /// Runs work to its end even when the client that asked for it hangs up.
-    async fn see_through<T: Send + 'static>(
+    async fn run_detached<T: Send + 'static>(
         &self,
         work: impl Future<Output = Result<T, ServiceError>> + Send + 'static,
     ) -> Result<T, ServiceError> {

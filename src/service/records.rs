@@ -10,7 +10,7 @@ use super::{Service, ServiceError};
 use crate::registry::{Cursor, Filter, Order, Page, Record, RegistryError};
 
 /// Most records on one page.
-pub const LONGEST_PAGE: u32 = 200;
+pub const MAX_PAGE: u32 = 200;
 
 impl Service {
     /// One record, revoked or not.
@@ -37,7 +37,7 @@ impl Service {
             parameter,
             reason: reason.to_owned(),
         };
-        if !(1..=LONGEST_PAGE).contains(&limit) {
+        if !(1..=MAX_PAGE).contains(&limit) {
             return Err(refuse("limit", "must be from 1 to 200"));
         }
         let after =
@@ -82,7 +82,7 @@ impl Service {
             removed.map_err(|error| ServiceError::Internal(error.to_string()))?;
             Ok(record)
         };
-        self.see_through(revoked).await
+        self.run_detached(revoked).await
     }
 
     /// Number of blobs, for operators and tests.

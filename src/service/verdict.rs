@@ -252,12 +252,12 @@ pub struct Verification {
     /// What was compared to find the verdict: a measure of the work, not part of the answer.
     #[serde(skip)]
     #[schema(ignore)]
-    pub looked_at: LookedAt,
+    pub compared_hosts: ComparedHosts,
 }
 
 /// The hosts of a short list that were compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct LookedAt {
+pub struct ComparedHosts {
     /// Number of hosts.
     pub hosts: usize,
     /// Their vertices and triangles together.

@@ -13,13 +13,13 @@ use super::super::{Service, ServiceError};
 use super::cascade::{Cascade, Found};
 use super::charge::Charges;
 use super::shortlist::{FetchedHost, ListedHost};
-use super::{Begun, Depth};
+use super::{Depth, FirstJob};
 use crate::formats::Asset;
 use crate::jobs::{Memory, Slot, Stop};
 use crate::watermark::{CodewordIndex, Suspect};
 
 /// The state of a search for the marks of a host.
-pub(in super::super) struct Looking {
+pub(in super::super) struct ExistingSearch {
     suspect: Suspect,
     all: CodewordIndex,
     cascade: Cascade,
@@ -30,17 +30,17 @@ impl Service {
     /// On the pool: the part of the search that needs only the file and the marks; `None` if there
     /// is no mark to search for. `geometry` is the key of the host's geometry. A geometry that is
     /// registered already was searched when it was registered.
-    pub(in super::super) fn begin_looking(
+    pub(in super::super) fn begin_existing_search(
         &self,
         host: &Asset,
         geometry: &[u8; 32],
         stop: &Stop,
-    ) -> Result<Option<Looking>, ServiceError> {
+    ) -> Result<Option<ExistingSearch>, ServiceError> {
         if self.known.len() == 0 {
             return Ok(None);
         }
         let begun = self.begin(host.mesh(), (None, Charges::default()), Depth::Fast, stop);
-        let Begun { suspect, all, cascade, .. } = match begun {
+        let FirstJob { suspect, all, cascade, .. } = match begun {
             Ok(begun) => begun,
             // A surface that cannot be read cannot be marked either, and the marking gives the
             // reason.
@@ -53,19 +53,19 @@ impl Service {
         } else {
             self.shortlist(&suspect, None, Depth::Standard, stop)?
         };
-        Ok(Some(Looking { suspect, all, cascade, listed }))
+        Ok(Some(ExistingSearch { suspect, all, cascade, listed }))
     }
 
     /// The live marks that a host carries with a bound below the match threshold, best first, and
     /// the marks that the newest record of the same geometry names.
-    pub(in super::super) async fn marks_on(
+    pub(in super::super) async fn find_existing_marks(
         self: &Arc<Self>,
         slot: &Slot,
         host: &Arc<Asset>,
         geometry: &[u8; 32],
-        looking: Looking,
+        existing_search: ExistingSearch,
     ) -> Result<Vec<CarriedMark>, ServiceError> {
-        let Looking { suspect, all, mut cascade, listed } = looking;
+        let ExistingSearch { suspect, all, mut cascade, listed } = existing_search;
         if !listed.is_empty() {
             let hosts = self.fetch(listed, None).await?;
             let beyond = Memory::Beyond(hosts.iter().map(FetchedHost::memory).sum());

@@ -118,7 +118,7 @@ impl HostSearch<'_> {
             let budget = shares.deal();
             let stop = || self.stop.now();
             let within = Within { budget: &budget, stop: &stop };
-            let mut see = |pose: PoseHypothesis| match self.read(
+            let mut on_pose = |pose: PoseHypothesis| match self.read(
                 candidate_host,
                 (&suspect_model, &pose),
                 within,
@@ -135,7 +135,7 @@ impl HostSearch<'_> {
                 &suspect_model,
                 effort(self.depth),
                 within,
-                &mut see,
+                &mut on_pose,
             );
             shares.took(&budget);
             if let Some(error) = failed {

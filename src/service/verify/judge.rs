@@ -99,7 +99,7 @@ impl Service {
                 vertices: searched.vertices,
                 triangles: searched.triangles,
             },
-            looked_at: searched.looked_at,
+            compared_hosts: searched.compared_hosts,
         })
     }
 }

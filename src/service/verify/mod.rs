@@ -32,7 +32,7 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::memory::{self, Purpose};
-use super::verdict::{LookedAt, Verification};
+use super::verdict::{ComparedHosts, Verification};
 use super::{Service, ServiceError, Spooled, Text};
 use crate::formats::{Asset, Format};
 use crate::jobs::{Memory, Slot, Stop};
@@ -111,7 +111,7 @@ struct Searched {
     vertices: usize,
     triangles: usize,
     outcome: CascadeOutcome,
-    looked_at: LookedAt,
+    compared_hosts: ComparedHosts,
     /// Marks that the request does not ask about. Only what their records say of the marks that it
     /// does ask about is used.
     later: Vec<Found>,
@@ -127,7 +127,7 @@ struct Read {
 }
 
 /// What the first job passes to the second.
-struct Begun {
+struct FirstJob {
     suspect: Suspect,
     /// All marks, and the marks that the request asks about.
     all: CodewordIndex,
@@ -206,7 +206,7 @@ impl Service {
         (named, charges): (Option<&Named>, Charges),
         depth: Depth,
         stop: &Stop,
-    ) -> Result<Begun, ServiceError> {
+    ) -> Result<FirstJob, ServiceError> {
         go_on(stop)?;
         let suspect = Suspect::new_until(mesh, &|| stop.now());
         go_on(stop)?;
@@ -233,7 +233,7 @@ impl Service {
         } else {
             Vec::new()
         };
-        Ok(Begun { suspect, all, marks, cascade, later, listed })
+        Ok(FirstJob { suspect, all, marks, cascade, later, listed })
     }
 
     /// Compares the suspect with the hosts of the short list, if there are any, and runs the late
@@ -242,37 +242,37 @@ impl Service {
         self: &Arc<Self>,
         slot: &Slot,
         Read { format, mesh }: Read,
-        begun: Begun,
+        begun: FirstJob,
         (named, questions): (Option<Arc<Named>>, Questions),
         depth: Depth,
     ) -> Result<Searched, ServiceError> {
-        let Begun { suspect, all, marks, mut cascade, later, mut listed } = begun;
+        let FirstJob { suspect, all, marks, mut cascade, later, mut listed } = begun;
         let (vertices, triangles) = (mesh.positions().len(), mesh.triangles().len());
         let asked = named.clone();
-        let of = |cascade: Cascade, looked_at: LookedAt| {
+        let of = |cascade: Cascade, compared_hosts: ComparedHosts| {
             let outcome = cascade.finish();
             Searched {
                 format,
                 vertices,
                 triangles,
                 outcome,
-                looked_at,
+                compared_hosts,
                 later,
                 named: asked,
                 questions,
             }
         };
         if depth == Depth::Fast {
-            return Ok(of(cascade, LookedAt::default()));
+            return Ok(of(cascade, ComparedHosts::default()));
         }
         if let Some(found) = cascade.best_match() {
             listed = Vec::from_iter(self.host_of(found.id).await?);
             if listed.is_empty() {
-                return Ok(of(cascade, LookedAt::default()));
+                return Ok(of(cascade, ComparedHosts::default()));
             }
         }
         let hosts = self.fetch(listed, named.as_deref()).await?;
-        let looked_at = LookedAt {
+        let compared_hosts = ComparedHosts {
             hosts: hosts.len(),
             elements: hosts.iter().map(FetchedHost::elements).sum(),
         };
@@ -290,7 +290,7 @@ impl Service {
                 Ok(cascade)
             })
             .await??;
-        Ok(of(cascade, looked_at))
+        Ok(of(cascade, compared_hosts))
     }
 }
 

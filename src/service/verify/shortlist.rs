@@ -26,7 +26,7 @@ const DETAILED: usize = 16_384;
 
 /// The part of the error probability that a family on the list leaves to the families after it, and
 /// the part of a family's share that a host leaves to the younger hosts of the family.
-const REST: f64 = 0.4;
+const SHARE_LEFT: f64 = 0.4;
 
 /// The error shares of the hosts of a list, from the family of each host: together at most 1.
 fn shares<F: PartialEq>(families: &[F]) -> Vec<f64> {
@@ -35,13 +35,13 @@ fn shares<F: PartialEq>(families: &[F]) -> Vec<f64> {
     let share = |family| {
         let at = seen.iter().position(|(known, ..)| *known == family).unwrap_or_else(|| {
             let (rank, alone) = (seen.len(), size(family) == 1);
-            let of_family = (0..rank).fold(1.0 - REST, |share, _| share * REST);
-            seen.push((family, of_family, if alone { 1.0 } else { 1.0 - REST }));
+            let of_family = (0..rank).fold(1.0 - SHARE_LEFT, |share, _| share * SHARE_LEFT);
+            seen.push((family, of_family, if alone { 1.0 } else { 1.0 - SHARE_LEFT }));
             rank
         });
         let Some((_, of_family, own)) = seen.get_mut(at) else { return 0.0 };
         let share = *of_family * *own;
-        *own *= REST;
+        *own *= SHARE_LEFT;
         share
     };
     families.iter().map(share).collect()
@@ -55,7 +55,7 @@ pub(super) struct ListedHost {
 }
 
 /// Most hosts on the list.
-fn most(depth: Depth) -> usize {
+fn max_hosts(depth: Depth) -> usize {
     if depth == Depth::Exhaustive { 24 } else { 8 }
 }
 
@@ -93,7 +93,7 @@ impl Service {
         depth: Depth,
         stop: &Stop,
     ) -> Vec<HostKey> {
-        let most = most(depth);
+        let max_hosts = max_hosts(depth);
         let mut named_hosts: Vec<HostKey> = Vec::new();
         let records = named.map(Named::records).unwrap_or_default();
         for key in records.iter().rev().filter_map(HostKey::of) {
@@ -108,17 +108,17 @@ impl Service {
         let asked = || stop.now();
         let shape = Shape::new_until(suspect.surface().clone(), &asked);
         let Some(probe) = shape.and_then(|shape| Probe::new_until(&shape, &asked)) else {
-            named_hosts.truncate(most);
+            named_hosts.truncate(max_hosts);
             return named_hosts;
         };
-        let mut listed = self.hosts.shortlist(&probe, most);
+        let mut listed = self.hosts.shortlist(&probe, max_hosts);
         if let Some(named) = named {
             let theirs =
                 |key: &HostKey| self.hosts.records_of(*key).iter().any(|id| named.contains(*id));
             listed.retain(theirs);
             named_hosts.retain(|key| !listed.contains(key));
             listed.extend(named_hosts);
-            listed.truncate(most);
+            listed.truncate(max_hosts);
         }
         listed
     }
@@ -164,7 +164,7 @@ impl Service {
         let service = self.clone();
         let records = tokio::task::spawn_blocking(move || service.hosts.records_of(key)).await;
         let records = records.map_err(|error| ServiceError::Internal(error.to_string()))?;
-        Ok(Some(ListedHost { key, share: 1.0 - REST, records }))
+        Ok(Some(ListedHost { key, share: 1.0 - SHARE_LEFT, records }))
     }
 
     /// The stored geometry of a host. All its records have the same.
