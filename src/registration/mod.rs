@@ -1,17 +1,20 @@
-//! Bringing a suspect into its host's coordinates, and finding the hosts worth trying.
+//! Registration: brings a suspect into its host's coordinates, and finds the hosts worth trying.
 //!
-//! A suspect may be a part of the host, moved, turned, scaled, mirrored, renumbered, roughened,
-//! smoothed or tessellated anew. In reading order: [`shape`] (a surface made ready), [`one_rings`]
-//! and [`signatures`] (what a crop leaves untouched: the connectivity and proportions around each
-//! vertex), [`similarity`] and [`consensus`] (from pairs of points to a similarity), [`vertices`]
-//! (suspect vertices that are host vertices), [`refinement`] (the last digits); [`icp`], [`surfels`],
-//! [`moments`], [`spin`], [`partial`], [`nearest`] and [`surface`] for what has another tessellation, [`symmetry`] for hosts that lie on
-//! themselves in several ways;
-//! [`prepared`] and [`alignment`] (all of it, in order); [`sketch`], [`descriptor`] and
-//! [`index`] (which hosts to try).
+//! A suspect may be a part of its host. It may be moved, rotated, scaled, mirrored, renumbered,
+//! made noisy, smoothed or tessellated anew. In reading order:
 //!
-//! Pure: knows geometry alone. Must not know codewords or anything that depends on one, for the
-//! bound on false positives rests on that: what is found here may be scored, and counts once.
+//! - [`shape`] makes a surface ready; [`one_rings`] and [`signatures`] describe the connectivity
+//!   and the proportions around each vertex, which a crop leaves as they are;
+//! - [`similarity`] and [`consensus`] go from pairs of points to a similarity; [`vertices`] finds
+//!   suspect vertices that are host vertices; [`refinement`] adds the last digits;
+//! - [`samples`], [`icp`], [`gauss_newton`], [`surfels`], [`moments`], [`spin`], [`partial`],
+//!   [`nearest`] and [`surface`] align suspects with another tessellation;
+//! - [`symmetry`] finds the rotations that map a host onto itself;
+//! - [`budget`] bounds the work; [`prepared`] and [`alignment`] put all of it together;
+//! - [`sketch`], [`descriptor`] and [`index`] find the hosts to try.
+//!
+//! Pure: knows geometry alone. Must not know codewords or anything that depends on one. The bound
+//! on false positives rests on that: a pose that is found here may be scored, and counts once.
 
 pub mod alignment;
 pub mod budget;
