@@ -1,9 +1,10 @@
 //! Bytes to checked bytes: what the service, the command line, the lab and the benchmarks all do
-//! with a file. Heavy but pure; it must not know about registries, keys' origin or HTTP.
+//! with a file. Heavy but pure. Must not know registries, where keys come from, or HTTP.
 //!
-//! Nothing leaves here that was not read back first (invariant I2): the written bytes are
-//! parsed again from nothing, extracted blindly and compared, and independent readers must find
-//! the same topology as in the host.
+//! Every file is read back before it leaves this module (invariant I2), unless the request turns
+//! the closed loop off. The written bytes are parsed again from nothing, extracted blindly and
+//! compared. Files up to a limit are also opened in an independent reader, which must find the same
+//! topology as in the host.
 
 mod check;
 mod fit;
@@ -45,22 +46,22 @@ pub enum MarkError {
     ReliefTooSmall {
         /// log10 of the bound that was read back.
         log10: f64,
-        /// What it must be below.
+        /// What the bound must be below.
         needed: f64,
     },
     /// The marked file failed its check. It was thrown away.
     #[error("the marked file failed its check and was thrown away: {0}")]
     Check(String),
-    /// Even the weakest mark that was tried distorts more than it may.
+    /// Even the weakest mark that was tried distorts more than the limit allows.
     #[error(
         "no mark distorts this mesh by at most {limit:e} of its diagonal (MRMS): the weakest one \
          tried comes to {least:.3e}; allow that much, or use another method or fewer \
          bits"
     )]
     DistortionUnreachable {
-        /// What was asked for, a share of the diagonal.
+        /// The requested limit, a share of the diagonal.
         limit: f64,
-        /// The least that was reached.
+        /// The least distortion that was reached.
         least: f64,
     },
 }
@@ -70,11 +71,11 @@ pub enum MarkError {
 pub struct MarkRequest<'a> {
     /// The mark key.
     pub key: &'a MarkKey,
-    /// Keys to go on with, one after the other, where the blind layer is refused with those before.
+    /// Further keys, one after the other, for where the blind layer is refused with those before.
     pub others: &'a [MarkKey],
     /// The message; its length must be `params.bits`.
     pub message: &'a Message,
-    /// Method, strength, bits, loop: the blind layer's.
+    /// Parameters of the blind layer: method, strength, bits, loop.
     pub params: EmbedParams,
     /// Which layers to make.
     pub layers: Layers,
@@ -82,23 +83,24 @@ pub struct MarkRequest<'a> {
     pub amplitude: Amplitude,
     /// Limits of the parser.
     pub limits: Limits,
-    /// Asked between stages and within them; `true` gives up with [`WatermarkError::Cancelled`].
+    /// Called between stages and within them; `true` ends the job with
+    /// [`WatermarkError::Cancelled`].
     pub stop: &'a (dyn Fn() -> bool + Sync),
     /// Files up to this size are also opened in an independent reader.
     pub independent_check_max_bytes: usize,
 }
 
 impl<'a> MarkRequest<'a> {
-    /// All its keys, in order.
+    /// All keys of the request, in order.
     pub(crate) fn keys(&self) -> impl Iterator<Item = &'a MarkKey> {
         std::iter::once(self.key).chain(self.others)
     }
 }
 
-/// A marked file and what is worth knowing about it.
+/// A marked file and what is known about it.
 #[derive(Debug)]
 pub struct Marked {
-    /// Which of the request's keys marked it: 0 for the first, then the others.
+    /// Index of the key that marked the file: 0 for the request's first key, then the others.
     pub key: usize,
     /// The marked file.
     pub bytes: Vec<u8>,
@@ -119,7 +121,7 @@ pub struct MarkReport {
     pub vertices: usize,
     /// Triangles of the file.
     pub triangles: usize,
-    /// Distinct points that a triangle with area uses.
+    /// Carrier vertices: distinct points that a triangle with area uses.
     pub carriers: usize,
     /// The layers that the written file has: without the blind one where the mesh cannot carry it,
     /// without the relief where the file's coordinates are too coarse for it.
@@ -135,16 +137,18 @@ pub struct MarkReport {
     /// The strength used.
     #[serde(serialize_with = "number")]
     pub strength: Strength,
-    /// How far the relief moves the surface; none without one.
+    /// How far the relief moves the surface; none without a relief.
     #[serde(serialize_with = "optional_number")]
     pub amplitude: Option<Amplitude>,
-    /// Codewords and strengths, one by one, that were tried before and refused: what was chosen among
-    /// them is chosen by the codeword.
+    /// How many tries were refused before, each a codeword with a strength or a relief with an
+    /// amplitude. The choice among tries depends on the codeword, so all of them are charged to the
+    /// bound.
     pub refused: u32,
-    /// The method that chose the positions: where an `exact` one does not settle, the paper's.
+    /// The method that chose the positions. Where an `exact` method does not settle, this is the
+    /// paper's.
     #[serde(serialize_with = "name")]
     pub method_used: Method,
-    /// What the mark does to the surface, as written.
+    /// The distortion of the surface by the mark, as written.
     pub quality: Quality,
     /// Coordinates that are written with more decimals than in the host, because the mark needs them.
     pub more_decimals: u64,
@@ -185,11 +189,11 @@ pub fn mark_asset(
     mark_by(asset, host, request, &|maker| maker.exactly(request.params.strength))
 }
 
-/// Marks a file about as strongly as it can without distorting it by more than `limit`, at most
-/// `strongest`; begins at the request's strength. The strength follows from the host, not from the
-/// codeword, as far as that can be (`within`). A relief gets its share of `limit` first; the request's
-/// amplitude is not used. [`MarkReport::strength`] and [`MarkReport::amplitude`] are what was found:
-/// [`mark`] with them makes the same bytes.
+/// Marks a file about as strongly as a distortion of at most `limit` and a strength of at most
+/// `strongest` allow. The search begins at the request's strength. The strength follows from the
+/// host and not from the codeword, as far as possible (module `within`). A relief gets its share of
+/// `limit` first, and the request's amplitude is not used. [`MarkReport::strength`] and
+/// [`MarkReport::amplitude`] report what was found: [`mark`] with them makes the same bytes.
 ///
 /// # Errors
 /// [`MarkError`], of which [`MarkError::DistortionUnreachable`] when even the weakest mark distorts
@@ -203,7 +207,8 @@ pub fn mark_within(
     mark_asset_within(Asset::read(host, &request.limits)?, host, request, limit, strongest)
 }
 
-/// The same for a file that was read already: `asset` is what [`Asset::read`] made of `host`.
+/// Like [`mark_within`], for a file that was read already: `asset` is what [`Asset::read`] made of
+/// `host`.
 ///
 /// # Errors
 /// As [`mark_within`].
@@ -224,7 +229,7 @@ pub fn mark_asset_within(
     mark_by(asset, host, request, &|maker| maker.within(limit, start, strongest))
 }
 
-/// Marks a file by what `choose` has made.
+/// Marks a file with the mark that `choose` makes.
 fn mark_by(
     asset: Asset,
     host: &[u8],
@@ -241,7 +246,7 @@ fn mark_by(
     let layers = maker.read_back(&bytes, &made)?;
     cancelled()?;
     if layers == Layers::Blind && request.layers == Layers::Both {
-        // A relief that is not there costs distortion for nothing.
+        // A relief that cannot be read costs distortion for nothing: mark again without it.
         drop(maker);
         let mut marked = mark_by(asset, host, &MarkRequest { layers, ..*request }, choose)?;
         marked.report.refused += refused;

@@ -1,7 +1,7 @@
-//! A second opinion: marked files are opened with readers that are not ours (tobj, gltf).
+//! A second opinion: marked files are opened with the independent readers `tobj` and `gltf`.
 //!
-//! Both are used only to read bytes that our own reader has read before; neither is given a path
-//! to open. They panic on files they did not expect, so each call is contained.
+//! Both only read bytes that our own reader has read before, and neither is given a path to open.
+//! They panic on files they do not expect, so panics are caught at each call.
 
 use std::collections::HashMap;
 use std::fmt::Debug;
@@ -10,12 +10,12 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use super::{Format, Stop};
 
-/// What an independent reader says of a marked file beside its host.
+/// What an independent reader finds in a marked file compared with its host.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Agreement {
     /// It reads both, with the same topology.
     Same,
-    /// It cannot read the host, so it has no opinion (the reason is for the log).
+    /// It cannot read the host, so it has no opinion. The reason is for the log.
     HostUnreadable(String),
     /// It reads the host but not the marked file, or with another topology: a bug of ours.
     Differs(String),
@@ -27,7 +27,7 @@ pub fn agrees(format: Format, host: &[u8], marked: &[u8]) -> Agreement {
     agrees_until(format, host, marked, &|| false)
 }
 
-/// The same; what it says once `stop` answers `true` is worth nothing.
+/// Like [`agrees`]; the result is meaningless once `stop` returns `true`.
 #[must_use]
 pub fn agrees_until(format: Format, host: &[u8], marked: &[u8], stop: Stop<'_>) -> Agreement {
     let given_up = || if stop() { Err("given up".to_owned()) } else { Ok(()) };
@@ -39,13 +39,13 @@ pub fn agrees_until(format: Format, host: &[u8], marked: &[u8], stop: Stop<'_>) 
     }
 }
 
-/// Bytes that cannot be read any more once it is time to give up.
+/// Bytes that can no longer be read once `stop` returns `true`.
 struct Heard<'a> {
     bytes: &'a [u8],
     stop: Stop<'a>,
 }
 
-/// Bytes that a reader is given at once.
+/// Bytes that a reader gets at once, at most.
 const PART: usize = 64 << 10;
 
 impl BufRead for Heard<'_> {
@@ -69,7 +69,7 @@ impl Read for Heard<'_> {
     }
 }
 
-/// Reads the host first, so that a file which the reader cannot read at all is no fault of ours.
+/// Reads the host first: a file that the reader cannot read at all is not a fault of the mark.
 fn compare<O: Debug + PartialEq>(
     outline: impl Fn(&[u8]) -> Result<Vec<O>, String>,
     host: &[u8],
@@ -96,8 +96,8 @@ fn compare<O: Debug + PartialEq>(
     }
 }
 
-/// A model of an OBJ, without the values that a mark may change. tobj numbers vertices in the
-/// order of first use, so this sees which corners are shared, not which line each came from.
+/// A model of an OBJ, without the values that a mark may change. tobj numbers vertices in the order
+/// of first use, so the model shows which corners are shared, not which line each came from.
 #[derive(Debug, PartialEq)]
 struct ObjModel {
     name: String,
@@ -138,7 +138,7 @@ enum GltfPart {
     Primitive { mesh: usize, mode: String, attributes: Vec<usize>, indices: Option<usize> },
 }
 
-/// `from_slice` and never `import`: the latter opens the files and URLs that a document names.
+/// Uses `from_slice` and never `import`, which opens the files and URLs that a document names.
 fn gltf_outline(bytes: &[u8]) -> Result<Vec<GltfPart>, String> {
     let gltf = gltf::Gltf::from_slice(bytes).map_err(|error| error.to_string())?;
     let mut parts = vec![GltfPart::Document {

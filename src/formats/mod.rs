@@ -1,11 +1,11 @@
-//! Files: bytes to carrier mesh, new positions to patched bytes.
+//! Files: from bytes to the carrier mesh, and from new positions to patched bytes.
 //!
-//! The promise (invariant I1): a written file equals its host byte for byte outside the
-//! coordinates that moved. No format is ever re-serialised; [`Asset::write`] copies the host's
-//! bytes and replaces coordinates in place.
+//! The promise (invariant I1): a written file equals its host byte for byte outside the coordinates
+//! that moved. No format is ever re-serialised; [`Asset::write`] copies the host's bytes and
+//! replaces coordinates in place.
 //!
-//! This module must not know about watermarks, HTTP or the registry. It opens no path and no
-//! URL that a file names. `gltf` and `tobj` are used nowhere else.
+//! Must not know about watermarks, HTTP or the registry. Opens no path and no URL that a file
+//! names. The libraries `gltf` and `tobj` are used nowhere else.
 
 mod gltf;
 mod independent;
@@ -91,7 +91,7 @@ pub enum FormatError {
     TooLarge {
         /// "bytes", "vertices", "triangles".
         what: &'static str,
-        /// What was found (or what the file declares).
+        /// What was found, or what the file declares.
         count: u64,
         /// The limit.
         limit: u64,
@@ -144,14 +144,14 @@ pub enum FormatError {
         /// Why, and what to do.
         reason: String,
     },
-    /// The caller gave up.
+    /// The caller stopped the job.
     #[error("reading was given up")]
     Cancelled,
     /// No triangles at all.
     #[error("the file has no triangles, so there is no surface to mark or read")]
     NoTriangles,
-    /// What the written file reads back as differs from what was asked for (never expected;
-    /// the check that catches it is what stands between a bug and a damaged asset).
+    /// The written file does not read back as requested. Never expected: the check that reports it
+    /// keeps a bug from becoming a damaged asset.
     #[error("the written file does not read back: {reason}")]
     ReadBack {
         /// What differs.
@@ -200,10 +200,10 @@ impl Asset {
         Self::read_until(bytes, limits, &|| false)
     }
 
-    /// The same, asking `stop` before each stretch of a megabyte or so.
+    /// Like [`Self::read`], calling `stop` about once per megabyte.
     ///
     /// # Errors
-    /// Also [`FormatError::Cancelled`], once `stop` answers `true`.
+    /// Also [`FormatError::Cancelled`], once `stop` returns `true`.
     pub fn read_until(bytes: &[u8], limits: &Limits, stop: Stop<'_>) -> Result<Self, FormatError> {
         if bytes.len() > limits.max_bytes {
             return Err(FormatError::TooLarge {
@@ -238,7 +238,7 @@ impl Asset {
         &self.mesh
     }
 
-    /// Gives up everything but the geometry.
+    /// Drops everything but the geometry.
     #[must_use]
     pub fn into_mesh(self) -> Mesh {
         self.mesh
@@ -254,15 +254,15 @@ impl Asset {
         }
     }
 
-    /// This asset, written with steps of `step` (in the file's unit) where its own number format is
-    /// text and would give coarser ones. 0 is as fine as can be of any use; what the file says more
-    /// finely stays so.
+    /// This asset, written with steps of at most `step` (in the file's unit) where its numbers are
+    /// text. Coordinates that have finer steps in the host keep them. 0 means the finest steps that
+    /// are of any use.
     #[must_use]
     pub fn with_step(&self, step: f64) -> Stepped<'_> {
         Stepped { asset: self, step }
     }
 
-    /// Whether steps of `step` are coarser than the finest that can be of use.
+    /// Whether steps of `step` are coarser than the finest that are of any use.
     #[must_use]
     pub fn is_coarse(&self, step: f64) -> bool {
         match &self.layout {
@@ -279,7 +279,7 @@ impl Asset {
     /// [`Stepped::write`] with the finest steps.
     ///
     /// # Errors
-    /// As there.
+    /// As [`Stepped::write`].
     pub fn write(&self, host: &[u8], positions: &[DVec3]) -> Result<Vec<u8>, FormatError> {
         Ok(self.with_step(0.0).write(host, positions)?.bytes)
     }
@@ -290,11 +290,12 @@ impl Asset {
 pub struct Written {
     /// Its bytes.
     pub bytes: Vec<u8>,
-    /// Coordinates that have more decimals than in the host, because their steps would be too coarse.
+    /// Number of coordinates with more decimals than in the host, where its steps would be too
+    /// coarse.
     pub more_decimals: u64,
 }
 
-/// An asset and how finely its moved coordinates are written.
+/// An asset and the steps that its moved coordinates are written with.
 #[derive(Debug, Clone, Copy)]
 pub struct Stepped<'a> {
     asset: &'a Asset,
@@ -310,7 +311,7 @@ impl Stepped<'_> {
         self.round_until(positions, &|| false);
     }
 
-    /// The same; worth nothing once `stop` answers `true`.
+    /// Like [`Self::round`]; meaningless once `stop` returns `true`.
     pub fn round_until(&self, positions: &mut [DVec3], stop: Stop<'_>) {
         let Asset { mesh, layout, .. } = self.asset;
         match layout {
@@ -329,7 +330,7 @@ impl Stepped<'_> {
         self.write_until(host, positions, &|| false)
     }
 
-    /// The same, as long as `stop` answers `false`.
+    /// Like [`Self::write`], as long as `stop` returns `false`.
     ///
     /// # Errors
     /// Also [`FormatError::Cancelled`].

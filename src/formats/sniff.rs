@@ -1,7 +1,7 @@
-//! What kind of file is this? Content decides, never a name or a media type: curl sends
+//! Recognises the format of a file by its content, never by a name or a media type: curl sends
 //! `application/octet-stream`, and people rename files.
 //!
-//! OBJ has no signature, so it comes last: any text with a vertex or a face in it. Formats that
+//! OBJ has no signature, so it comes last: any text with a line of a vertex or a face. Formats that
 //! cannot be read are named, because "convert your PLY file" helps and "unknown format" does not.
 
 use memchr::memmem;
@@ -9,13 +9,13 @@ use memchr::memmem;
 use super::obj::{Cursor, Statement};
 use super::{Format, FormatError};
 
-/// How far into a file a word is looked for that tells two formats apart.
+/// Bytes at the start of a file that are searched for a word that distinguishes two formats.
 const HEAD_BYTES: usize = 4096;
 
-/// How many bytes of lines that no OBJ would have are read in search of one that it would.
+/// Bytes of lines foreign to OBJ that are read, at most, in search of a vertex or a face.
 const MOST_UNKNOWN_BYTES: usize = 1 << 20;
 
-/// Files that begin with these bytes are not ours.
+/// First bytes of formats that cannot be read, and the names of these formats.
 const SIGNATURES: &[(&[u8], &str)] = &[
     (b"ply\n", "a PLY file"),
     (b"ply\r", "a PLY file"),
@@ -42,7 +42,7 @@ const SIGNATURES: &[(&[u8], &str)] = &[
     (b"\xfe\xff", "a UTF-16 text (save it as UTF-8)"),
 ];
 
-/// First words of the other lines that an OBJ may have, however many of them.
+/// First words of other lines that an OBJ may have in any number.
 const OBJ_WORDS: &[&[u8]] = &[
     b"vt",
     b"vn",
@@ -125,8 +125,8 @@ fn foreign(bytes: &[u8], text: &[u8]) -> Option<&'static str> {
     }
 }
 
-/// 80 free bytes, a count of triangles, 50 bytes for each. No text has such a length: as ASCII
-/// the count would be half a thousand million or more.
+/// A binary STL has 80 free bytes, a count of triangles, and 50 bytes for each. No text has such a
+/// length: as ASCII, the count would be half a billion or more.
 fn is_binary_stl(bytes: &[u8]) -> bool {
     let count = bytes.get(80..84).and_then(|count| <[u8; 4]>::try_from(count).ok());
     count.is_some_and(|count| {
@@ -135,8 +135,8 @@ fn is_binary_stl(bytes: &[u8]) -> bool {
     })
 }
 
-/// Whether some line is a vertex or a face. Comments and other lines of the format are free (a
-/// scan may begin with megabytes of them), what else there is has to end soon.
+/// Whether some line is a vertex or a face. Comments and other lines of the format may come first
+/// in any number, as a scan may begin with megabytes of them. Foreign lines are limited.
 fn looks_like_obj(text: &[u8]) -> bool {
     let mut cursor = Cursor::new(text, 0);
     let mut unknown = 0;
@@ -159,7 +159,7 @@ fn looks_like_obj(text: &[u8]) -> bool {
     false
 }
 
-/// Not whether it is a number, only whether it was meant to be: the parser names the line.
+/// Whether a word was meant to be a number. The parser checks the number and reports its line.
 fn is_number_like(word: &[u8]) -> bool {
     let unsigned = word.strip_prefix(b"-").or(word.strip_prefix(b"+")).unwrap_or(word);
     let starts =

@@ -7,22 +7,24 @@ use crate::mesh::surface::Surface;
 use crate::relief::{Amplitude, Layers, ReliefHost, ReliefReading};
 use crate::watermark::{WatermarkError, extract_until, needed_bins};
 
-/// log10 of the bound that the relief of a small mesh has to read back with: a match (1e-9) with what a
-/// verification counts, some decades for what happens to the file.
+/// log10 of the bound at which the relief of a small mesh has to be read back, at most. A match
+/// needs 1e-9 after all that a verification counts, and some decades are for what happens to the
+/// file.
 pub(super) const NEEDED: f64 = -14.0;
 
-/// Meshes with more carriers than this have decades to spare, and their relief is measured along the
-/// normals instead of being read as a verification reads it.
+/// Most carrier vertices of a small mesh. Larger meshes have decades to spare: their relief is
+/// measured along the normals instead of being read as a verification reads it.
 const SMALL: usize = 4096;
 
-/// Share of the relief that the written file has to have.
+/// Least share of the relief that the written file must have.
 const WHOLE: f64 = 0.7;
 
-/// How far the share may be uncertain: rounding to coarse coordinates is noise.
+/// Largest uncertainty of that share: rounding to coarse coordinates is noise.
 const CERTAIN: f64 = 0.1;
 
 impl Maker<'_> {
-    /// The layers that written bytes have, read as a stranger reads them.
+    /// The layers that written bytes have, read as a stranger reads them. Without the closed loop,
+    /// nothing is read: the layers are those that were made.
     pub(super) fn read_back(&self, bytes: &[u8], made: &Made) -> Result<Layers, MarkError> {
         let blind = made.placed.embedding.is_some();
         if !self.request.params.closed_loop {
@@ -48,7 +50,7 @@ impl Maker<'_> {
             (Ok(true), true) => Ok(Layers::Both),
             (Ok(true), false) => Ok(Layers::Relief),
             (Ok(false) | Err(MarkError::ReliefTooSmall { .. }), true) => Ok(Layers::Blind),
-            // Nothing of it: the file's coordinates are too coarse.
+            // No relief is left: the file's coordinates are too coarse.
             (Ok(false), false) => Err(MarkError::ReliefTooSmall { log10: 0.0, needed: NEEDED }),
             (Err(error), _) => Err(error),
         }
@@ -79,7 +81,7 @@ impl Maker<'_> {
         .into())
     }
 
-    /// Whether the relief is there.
+    /// Whether the written file has the relief.
     fn check_relief(&self, again: &Asset, amplitude: Amplitude) -> Result<bool, MarkError> {
         let (Some(field), Some(relief)) = (&self.field, &self.relief) else { return Ok(false) };
         let vertices = again.mesh().positions();
@@ -103,7 +105,7 @@ impl Maker<'_> {
         Ok(true)
     }
 
-    /// log10 of the bound with which the relief reads.
+    /// log10 of the bound of the relief, read as a verification reads it.
     fn bound_of(&self, carriers: &[glam::DVec3], amplitude: f64) -> Option<f64> {
         let relief = self.relief.as_ref()?;
         let host = ReliefHost::new(self.surface.clone())?;

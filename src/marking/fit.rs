@@ -1,8 +1,8 @@
-//! A strength fitted to a limit.
+//! Fits a strength to a limit of distortion.
 //!
-//! Distortion grows with strength, nearly in proportion: a few embeddings find the strength, each
-//! placed by the ones before. Deterministic, and strengths are whole multiples of 0.0001, so that
-//! a record can name the one that was found.
+//! Distortion grows nearly in proportion to strength. A few embeddings find the strength, each at a
+//! strength that follows from those before. Deterministic. Strengths are whole multiples of 0.0001,
+//! so that a record can name the one that was found.
 
 use super::MarkError;
 use crate::watermark::{Strength, WatermarkError};
@@ -10,10 +10,10 @@ use crate::watermark::{Strength, WatermarkError};
 /// Strengths that probes are embedded with, at most.
 const MOST_TRIES: usize = 6;
 
-/// The search ends when the worst probe uses this share of what it may.
+/// The search ends when the worst probe uses this share of its limit.
 const CLOSE: f64 = 0.93;
 
-/// The share of that which is aimed at.
+/// The share of the limit that the search aims at.
 const AIM: f64 = 0.96;
 
 /// The weakest strength there is.
@@ -22,16 +22,16 @@ pub(super) const LEAST: f64 = 0.01;
 /// Strengths closer than this ratio are the same.
 const SAME: f64 = 1.01;
 
-/// The strength of an embedding and the distortion it gave, where it gave one.
+/// The strength of an embedding and its distortion; `None` where the mesh could not carry it.
 type Tried = (f64, Option<f64>);
 
-/// Down to a whole multiple of 0.0001, at least the weakest there is. (Also what is no number.)
+/// Rounds down to a multiple of 0.0001, but not below the weakest strength; NaN becomes that one.
 pub(super) fn in_steps(alpha: f64) -> f64 {
     ((alpha * 1e4).floor() / 1e4).max(LEAST)
 }
 
-/// The strength with which an MRMS stays within `limit`, nearly the strongest. `attempt` answers with
-/// the MRMS.
+/// Nearly the largest strength whose MRMS stays within `limit`, at most `strongest`. The search
+/// begins at `start`. `attempt` returns the MRMS of a strength.
 pub(super) fn fitted(
     limit: f64,
     start: Strength,
@@ -91,7 +91,7 @@ fn next(
         (None, Some((alpha, mrms))) => alpha * mrms.map_or(0.5, |mrms| aim / mrms),
         (Some((low, at_low)), Some((high, at_high))) => {
             let share = match (at_low, at_high) {
-                // A chord over the logarithms.
+                // Linear interpolation of the logarithms.
                 (Some(at_low), Some(at_high)) => {
                     libm::log(aim / at_low) / libm::log(at_high / at_low)
                 }

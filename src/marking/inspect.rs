@@ -16,9 +16,9 @@ pub struct Inspection {
     pub vertices: usize,
     /// Triangles of the file.
     pub triangles: usize,
-    /// Distinct points that a triangle with area uses.
+    /// Carrier vertices: distinct points that a triangle with area uses.
     pub carriers: usize,
-    /// Bounding-box diagonal of the carriers, in the file's unit.
+    /// Bounding-box diagonal of the carrier vertices, in the file's unit.
     pub diagonal: f64,
     /// Area-weighted centre.
     pub centre: [f64; 3],
@@ -26,7 +26,7 @@ pub struct Inspection {
     pub rho_min: f64,
     /// Largest vertex norm.
     pub rho_max: f64,
-    /// How many bits were asked about.
+    /// The requested number of bits.
     pub bits: usize,
     /// Bins with enough vertices in the poorest of all layout classes.
     pub usable_bins: usize,
@@ -36,11 +36,11 @@ pub struct Inspection {
     pub median_count: usize,
     /// Vertices of the poorest bin of that class.
     pub least_count: usize,
-    /// Whether a mark of this size can be tried. Whether its bins can really be moved shows in
-    /// the embedding itself.
+    /// Whether a mark of this many bits can be tried. Only the embedding shows whether its bins can
+    /// be moved.
     pub markable: bool,
     /// Expected signal of a median bin over its sampling noise, `strength sqrt(n) / sigma`, with
-    /// sigma of an even bin: what the mark has to spare against noise.
+    /// sigma of an even bin: the mark's margin against noise.
     pub expected_margin: f64,
     /// Decimal logarithm of the best false-positive bound that a mark can reach before
     /// hypotheses are counted.
@@ -67,7 +67,8 @@ pub fn inspect_asset(asset: &Asset, params: &EmbedParams) -> Result<Inspection, 
     inspect_asset_until(asset, params, &|| false)
 }
 
-/// The same, asking `stop` before each of the 256 bin layouts and in what leads to them.
+/// Like [`inspect_asset`], calling `stop` before each of the 256 layout classes and in the steps
+/// before.
 ///
 /// # Errors
 /// Also [`WatermarkError::Cancelled`].

@@ -1,7 +1,7 @@
 //! The layers of a mark, and the mark made of one or both on a host.
 //!
-//! The relief comes first, then the blind layer is embedded on top of it in its closed loop, so that
-//! what the blind reader sees is what is written. Must not know about bytes or files.
+//! The relief comes first. The blind layer is then embedded on top of it in its closed loop, so
+//! that the blind reader sees what is written. Must not know about bytes or files.
 
 use glam::DVec3;
 
@@ -12,11 +12,11 @@ use crate::mesh::surface::Surface;
 use crate::relief::{Amplitude, Field, Signs};
 use crate::watermark::{Codeword, EmbedParams, Embedding, Host, MarkKey, WatermarkError, embed};
 
-/// Where the vertices of a host go.
+/// The new positions of a host's vertices.
 pub(super) struct Placed {
     /// Positions of all file vertices, rounded as the file stores them.
     pub(super) positions: Vec<DVec3>,
-    /// What the blind layer reached; none without it.
+    /// The result of the blind layer; none without it.
     pub(super) embedding: Option<Embedding>,
     pub(super) quality: Quality,
 }
@@ -37,7 +37,7 @@ pub(super) struct Raised {
 }
 
 impl Base<'_> {
-    /// Adds a relief; `signs` are those of the field.
+    /// Adds a relief with the signs of a key on `field`.
     pub(super) fn raised(
         &self,
         field: &Field,
@@ -84,7 +84,7 @@ impl Base<'_> {
         Ok(Placed { positions, embedding: Some(embedding), quality })
     }
 
-    /// A relief alone.
+    /// The mark of a relief alone.
     pub(super) fn alone(
         &self,
         raised: &Raised,

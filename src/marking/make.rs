@@ -1,4 +1,4 @@
-//! One mark on one host: its layers made, within a strength or a limit of distortion.
+//! Makes one mark on one host, with a given strength or within a limit of distortion.
 
 use glam::DVec3;
 
@@ -12,25 +12,27 @@ use crate::relief::{Amplitude, Field, Layers, Signs};
 use crate::watermark::bins::norms;
 use crate::watermark::{BitCount, Codeword, EmbedParams, Frame, MarkKey, Strength, WatermarkError};
 
-/// How coarse the steps of written coordinates may be, as a share of how far a mark moves the
-/// statistic of a bin (its strength times the bin's width). Moves of less than half a step are lost to
-/// rounding, and the closed loop makes up for them elsewhere. `benches/decimals.rs` shows what coarser
-/// and finer steps cost.
+/// Largest step of written coordinates, as a share of how far a mark moves the statistic of a bin:
+/// its strength times the bin's width. Moves of less than half a step are lost to rounding, and the
+/// closed loop makes up for them elsewhere. `benches/decimals.rs` shows what coarser and finer
+/// steps cost.
 const STEP: f64 = 0.02;
 
-/// The same of a relief alone, as a share of its amplitude: rounding then is 3 % of it.
+/// Largest step of written coordinates for a relief alone, as a share of its amplitude. The error
+/// of rounding is then 3 % of the amplitude.
 const RELIEF_STEP: f64 = 0.1;
 
-/// What of a limit of distortion the relief gets; as the blind layer moves vertices independently, it has
-/// `sqrt(1 - 0.8^2) = 0.6` of it left. With a limit of 0.01 % that is enough for the blind layer's
-/// usual strength on nearly all meshes (`cargo bench --bench limits -- --layers both --limits 1e-4`).
+/// The relief's share of a limit of distortion. The blind layer moves vertices independently of the
+/// relief, so `sqrt(1 - 0.8^2) = 0.6` of the limit is left for it. With a limit of 0.01 %, that is
+/// enough for the blind layer's usual strength on nearly all meshes
+/// (`cargo bench --bench limits -- --layers both --limits 1e-4`).
 const RELIEF_SHARE: f64 = 0.8;
 
-/// Each amplitude of a relief alone that distorts too much is followed by this share of it.
+/// Ratio from an amplitude of a relief alone that distorts too much to the next one.
 const LOWER: f64 = 0.85;
 
-/// Amplitudes of a relief alone that are tried, at most. What signs do to a mesh of few vertices differs
-/// by a third.
+/// Amplitudes of a relief alone that are tried, at most. On a mesh of few vertices, distortion
+/// differs by a third between sets of signs.
 const MOST_AMPLITUDES: u32 = 5;
 
 /// The amplitude of a relief that leaves room for a blind layer within a limit.
@@ -38,7 +40,7 @@ pub(super) fn relief_within(limit: MaxDistortion) -> Result<Amplitude, String> {
     Amplitude::new(RELIEF_SHARE * limit.get())
 }
 
-/// A mark, with what it does to the surface.
+/// A mark, with its distortion of the surface.
 pub(super) struct Made {
     pub(super) placed: Placed,
     pub(super) strength: Strength,
@@ -48,7 +50,7 @@ pub(super) struct Made {
     pub(super) step: f64,
 }
 
-/// What was settled for, and how many codewords, strengths and amplitudes were refused before.
+/// The accepted result, and how many codewords, strengths and amplitudes were refused before.
 pub(super) struct Fitted<T> {
     pub(super) made: T,
     pub(super) refused: u32,
@@ -66,18 +68,18 @@ pub(super) struct Maker<'a> {
     pub(super) request: &'a MarkRequest<'a>,
     pub(super) surface: Surface,
     probes: [Codeword; PROBES.len()],
-    /// None where no relief is asked for, or the surface has none.
+    /// None where no relief is requested, or the surface has none.
     pub(super) field: Option<Field>,
-    /// Of the request's keys, which is used.
+    /// Index of the key that is used among the request's keys.
     pub(super) place: usize,
     codeword: Codeword,
-    /// Of the key that is used, where there is a field.
+    /// The relief of the key that is used; none without a field.
     pub(super) relief: Option<Relief>,
     /// Width of a bin in the host's own frame.
     width: f64,
 }
 
-/// Whether another mark may be carried where this one is not.
+/// Whether another mark may fit the host where this one does not.
 fn is_about_the_mark(error: &MarkError) -> bool {
     matches!(
         error,
@@ -89,7 +91,7 @@ fn is_about_the_mark(error: &MarkError) -> bool {
 }
 
 impl<'a> Maker<'a> {
-    /// Welds the host and raises the relief of the first key.
+    /// Welds the host and makes the relief of the first key.
     pub(super) fn new(asset: &'a Asset, request: &'a MarkRequest<'a>) -> Result<Self, MarkError> {
         let stop = request.stop;
         let surface = Surface::new_until(asset.mesh(), stop).ok_or(WatermarkError::Cancelled)?;
@@ -121,7 +123,7 @@ impl<'a> Maker<'a> {
         self.request.keys().nth(self.place).unwrap_or(self.request.key)
     }
 
-    /// Goes on with the key at this place.
+    /// Switches to the key at this index.
     fn use_key(&mut self, place: usize) -> Result<(), MarkError> {
         if place != self.place {
             self.place = place;
@@ -140,7 +142,7 @@ impl<'a> Maker<'a> {
         }
     }
 
-    /// Distinct points that a triangle with area uses.
+    /// Number of carrier vertices.
     pub(super) fn carriers(&self) -> usize {
         self.surface.positions.len()
     }
@@ -183,10 +185,12 @@ impl<'a> Maker<'a> {
         self.layered(embed, &|maker| maker.relief_alone_within(limit))
     }
 
-    /// The blind layer of the first key that `embed` makes one of, on its relief where one is asked for;
-    /// where there is none, the relief alone, of the last key. `embed` is told whether no other key follows,
-    /// and counts codewords and strengths that it tries. A relief that is alone because they were refused
-    /// is charged for them: it would not be alone with another key.
+    /// Makes the blind layer of the first key for which `embed` succeeds, on the key's relief where
+    /// one is requested. Where no key succeeds, makes the relief of the last key alone.
+    ///
+    /// The second argument of `embed` says whether no other key follows. The third counts the
+    /// codewords and strengths that it tries. A relief that is alone because they were refused is
+    /// charged for them: with another key, it would not be alone.
     fn layered(
         &mut self,
         mut embed: impl FnMut(&Self, bool, &mut u32) -> Result<Made, MarkError>,
@@ -206,7 +210,7 @@ impl<'a> Maker<'a> {
                 Err(error) if is_about_the_mark(&error) => error,
                 Err(error) => return Err(error),
             };
-            // Where nothing was tried, it is the host that carries no mark.
+            // Where nothing was tried, the reason is the host, and no other key helps.
             if place == last || tries == before {
                 break error;
             }
@@ -219,7 +223,8 @@ impl<'a> Maker<'a> {
         Ok(Fitted { made, refused: tries + refused })
     }
 
-    /// What nobody's codeword at this place of [`PROBES`] does to the host without a relief: the MRMS.
+    /// The MRMS of the probe at this index of [`PROBES`], a codeword that belongs to nobody, on the
+    /// host without a relief.
     fn probed(&self, place: usize, strength: Strength) -> Result<f64, MarkError> {
         let probe = self.probes.get(place).unwrap_or(&self.codeword);
         self.blind(None, probe, strength).map(|made| made.placed.quality.mrms)
@@ -246,7 +251,7 @@ impl<'a> Maker<'a> {
         };
         let step = STEP * strength.get() * self.width;
         match with_step(step) {
-            // Nothing is refused for the sake of decimals.
+            // No mark is refused because its steps are coarse: try the finest ones.
             Err(error) if is_about_the_mark(&error) && self.asset.is_coarse(step) => with_step(0.0),
             made => made,
         }
@@ -270,8 +275,8 @@ impl<'a> Maker<'a> {
         Ok(Made { placed, strength: self.request.params.strength, amplitude, step })
     }
 
-    /// The same within a limit. An amplitude that is chosen by what its signs do has been tried like a
-    /// strength.
+    /// The relief alone, within a limit. The choice of an amplitude depends on the signs, so each
+    /// refused amplitude counts as a try, like a refused strength.
     fn relief_alone_within(&self, limit: MaxDistortion) -> Result<Fitted<Made>, MarkError> {
         let mut least = f64::INFINITY;
         let mut share = self.request.amplitude.get();
@@ -297,7 +302,7 @@ impl<'a> Maker<'a> {
     }
 }
 
-/// Width of a bin in the host's own frame; `None` once `stop` answers `true`.
+/// Width of a bin in the host's own frame; `None` once `stop` returns `true`.
 fn bin_width(surface: &Surface, bits: BitCount, stop: Stop<'_>) -> Option<f64> {
     let centre = surface.centre_until(stop)?;
     let norms = norms(&surface.positions, centre);

@@ -1,16 +1,19 @@
 //! The strongest mark within a limit of distortion.
 //!
 //! A strength that follows from what *this* codeword does to the host says something about the
-//! codeword, and detection weighs with the strength (the matched filter, the likeness of bin layouts): a
-//! bound that takes codewords for independent of all weights would be too good. So the strength is
-//! fitted to the host alone (`fit`), with codewords that are nobody's ([`Codeword::probe`]): the worst of
-//! them may use a fixed share of the limit. Where no strength is weak enough for them, but nearly, it is
-//! the one that the fit began with. The own codeword is then tried with it, and where it
-//! distorts too much, with weaker ones: fixed shares of the first, one after the other. Where other keys
-//! may be used, they follow after few strengths. Each strength of each key
-//! that is refused is one more try of a series, like a codeword that was refused, and its number is
-//! charged to the record's bound (`service::verify::charge`): given its number, a strength follows from
-//! the host alone.
+//! codeword. Detection weighs with the strength, in the matched filter and in the comparison of bin
+//! layouts. A bound that assumes codewords to be independent of all weights would then be too good.
+//!
+//! So the strength is fitted to the host alone (`fit`), with probes: codewords that belong to
+//! nobody ([`Codeword::probe`]). The worst probe may use a fixed share of the limit. Where the
+//! probes exceed this share even with the weakest strength, the first strength is the weakest one,
+//! or the one that the fit began with if they also exceed the limit, but not by far.
+//!
+//! The own codeword is tried with this first strength. Where it distorts too much, it is tried with
+//! weaker ones: fixed shares of the first, one after the other. Where other keys may be used, they
+//! follow after few strengths. Each refused strength of each key is one more try of a series, like
+//! a refused codeword. The number of tries is charged to the record's bound
+//! (`service::verify::charge`). Given this number, a strength follows from the host alone.
 //!
 //! Must not know how a mark is made or measured.
 //!
@@ -23,42 +26,44 @@ use crate::watermark::{Strength, WatermarkError};
 /// Strengths that the last key is tried with, at most.
 const MOST_STRENGTHS: u32 = 5;
 
-/// What they are, as shares of the first: small steps for what is a little
-/// above the limit, and large ones. (Nine small steps down to 0.57 gave no more: where norms are crowded,
-/// distortion hardly falls with strength, half of the codewords on a gear were refused all nine, and one
-/// more in ten was accepted by the fourth.)
+/// These strengths as shares of the first: small steps for what is a little above the limit, and
+/// large ones. Nine small steps down to 0.57 gave no more. Where norms are crowded, distortion
+/// hardly falls with strength: half of the codewords on a gear were refused at all nine steps, and
+/// one more in ten was accepted by the fourth.
 const SHARES: [f64; 5] = [1.0, 0.93, 0.86, 0.7, 0.5];
 
-/// Strengths that a key is tried with which another may follow. Where norms are crowded, another codeword
-/// does more than a weaker mark: of ten keys on a gear, six are within 0.006 % at strength 0.02, five at
-/// 0.1; on a hammer nine and six.
+/// Strengths that a key is tried with if another key may follow. Where norms are crowded, another
+/// codeword helps more than a weaker mark: of ten keys on a gear, six are within 0.006 % at
+/// strength 0.02 and five at 0.1; on a hammer, nine and six.
 const FEW_STRENGTHS: u32 = 1;
 
-/// The shares of the first strength that a key is tried with; `last` where no other key follows.
+/// The shares of the first strength that a key is tried with; `last` if no other key follows.
 pub(super) fn shares(last: bool) -> impl Iterator<Item = f64> {
     let most = if last { MOST_STRENGTHS } else { FEW_STRENGTHS };
     SHARES.into_iter().zip(0..most).map(|(share, _)| share)
 }
 
-/// Tries that so many keys are charged for, at most.
+/// Tries that `keys` keys are charged for, at most.
 #[must_use]
 pub const fn most_tries(keys: u32) -> u32 {
     FEW_STRENGTHS * keys.saturating_sub(1) + MOST_STRENGTHS
 }
 
-/// Where the probes distort more than so many times what they may, no codeword is tried. (Where norms
-/// are crowded, distortion hardly grows with strength but differs between codewords: on a hammer, two, one,
-/// three and two of three were within 0.01 % at strengths 0.02, 0.05, 0.08 and 0.1.)
+/// No codeword is tried where the probes distort more than this many times what is left for them.
+/// Where norms are crowded, distortion hardly grows with strength but differs between codewords: on
+/// a hammer, two, one, three and two of three were within 0.01 % at strengths 0.02, 0.05, 0.08 and
+/// 0.1.
 const HOPELESS: f64 = 3.0;
 
-/// Nobody's codewords that a strength is fitted with.
+/// The probes that a strength is fitted with: codewords that belong to nobody.
 pub(super) const PROBES: [u8; 2] = [0, 1];
 
-/// The share of the limit that the worst probe may use. What others do to the same host differs from
-/// it by a tenth to a half, the more the fewer the bits, and a try that is refused costs more than some
-/// strength (nearly a decade of the bound). Of 40 codewords each on a generated blob and knot (16 to 64
-/// bits, strengths 0.03 and 0.1), 3 % distort more than 1.2 times as much as the worse of the two, 12 %
-/// more than it. `benches/limits.rs` counts refusals.
+/// The share of the limit that the worst probe may use. The distortion of other codewords on the
+/// same host differs from the worst probe's by a tenth to a half, more with fewer bits. A refused
+/// try costs nearly a decade of the bound, which is more than some strength. Of 40 codewords each
+/// on a generated blob and knot, with 16 to 64 bits and strengths 0.03 and 0.1, 3 % distort more
+/// than 1.2 times as much as the worse of the two probes, and 12 % more than it.
+/// `benches/limits.rs` counts refusals.
 const SHARE: f64 = 0.83;
 
 /// How much a mark may distort: its MRMS as a share of the bounding box's diagonal, from 0.000001
@@ -67,12 +72,14 @@ const SHARE: f64 = 0.83;
 pub struct MaxDistortion(f64);
 
 impl MaxDistortion {
-    /// What a mark with a relief may distort where nothing else is asked for: 0.01 %, which is half of
-    /// what the paper's method takes on most of its meshes.
+    /// The default for a mark with a relief: 0.01 %, half of what the paper's method takes on most
+    /// of its meshes.
     pub const USUAL: Self = Self(1e-4);
 
+    /// A limit of this share of the diagonal.
+    ///
     /// # Errors
-    /// A text for the caller, when it is out of range; also for NaN.
+    /// A text for the caller, when `share` is out of range or NaN.
     pub fn new(share: f64) -> Result<Self, String> {
         if (1e-6..=0.1).contains(&share) {
             Ok(Self(share))
@@ -100,17 +107,17 @@ impl std::str::FromStr for MaxDistortion {
 /// How much marks may distort.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Room {
-    /// What the own mark may, all in all.
+    /// The limit of the own mark with all its layers.
     pub(super) limit: MaxDistortion,
-    /// What is left of it for the probes, which are measured without a relief.
+    /// What is left of the limit for the probes, which are measured without a relief.
     pub(super) left: f64,
 }
 
-/// The strength that an own codeword is tried with first, at most `strongest`; the fit begins at `start`.
-/// `attempt` answers with the MRMS of a probe, by its place.
+/// The strength that an own codeword is tried with first, at most `strongest`; the fit begins at
+/// `start`. `attempt` returns the MRMS of a probe, given its index.
 ///
 /// # Errors
-/// [`MarkError::DistortionUnreachable`] where no codeword need be tried; what `attempt` says.
+/// [`MarkError::DistortionUnreachable`] where no codeword need be tried; the errors of `attempt`.
 pub(super) fn first_strength(
     Room { limit, left }: Room,
     start: Strength,
@@ -121,7 +128,7 @@ pub(super) fn first_strength(
     let mut order = std::array::from_fn(|place| place);
     let worst = |strength| worst_probe(allowed, &mut order, |place| attempt(place, strength));
     match fitted(allowed, start, strongest, worst) {
-        // The own codeword may do what the probes nearly do.
+        // The own codeword may stay within the limit where the probes nearly do.
         Err(MarkError::DistortionUnreachable { least, .. }) if least <= left => Ok(LEAST),
         Err(MarkError::DistortionUnreachable { least, .. }) if least <= HOPELESS * left => {
             Ok(start.get().min(strongest.get()))
@@ -133,11 +140,11 @@ pub(super) fn first_strength(
     }
 }
 
-/// An embedding of an own codeword that stays within the limit, with these shares of the first strength,
-/// one after the other. `attempt` answers with an embedding's MRMS and the embedding.
+/// The first embedding of an own codeword that stays within the limit, with these shares of the
+/// first strength, one after the other. `attempt` returns an embedding's MRMS and the embedding.
 ///
 /// # Errors
-/// [`MarkError::DistortionUnreachable`] when none does; what `attempt` says.
+/// [`MarkError::DistortionUnreachable`] when no embedding does; the errors of `attempt`.
 pub(super) fn strongest_within<T>(
     limit: MaxDistortion,
     first: f64,
@@ -165,9 +172,9 @@ pub(super) fn strongest_within<T>(
     }
 }
 
-/// The MRMS of the worst probe, or of one that is above `allowed`. `order` begins with the one that was
-/// worst so far: most that are above it show with one embedding. A probe that the mesh cannot carry says
-/// nothing as long as it carries another.
+/// The MRMS of the worst probe, or of one that is above `allowed`. `order` begins with the probe
+/// that was worst so far, so that most strengths above `allowed` take one embedding. A probe that
+/// the mesh cannot carry is ignored as long as the mesh carries another.
 fn worst_probe(
     allowed: f64,
     order: &mut [usize; PROBES.len()],
@@ -210,8 +217,8 @@ mod tests {
         }
     }
 
-    /// The first strength by what probes do, then the strength that an own codeword settles for and how
-    /// many were refused before.
+    /// The first strength by the probes, then the strength at which an own codeword is accepted,
+    /// and how many were refused before.
     fn settled(
         start: f64,
         probe: &dyn Fn(usize, f64) -> Result<f64, MarkError>,
@@ -233,7 +240,8 @@ mod tests {
         found.map(|alpha| (alpha, tries - 1))
     }
 
-    /// What one codeword does must not show in the strength, but by the number of tries.
+    /// The distortion of one codeword must not show in the strength, except through the number of
+    /// tries.
     #[test]
     fn the_strength_follows_from_the_host_and_the_number_of_tries() {
         let mut by_tries = std::collections::BTreeMap::new();
@@ -295,8 +303,8 @@ mod tests {
         assert!(matches!(refused, Err(MarkError::Watermark(_))), "{refused:?}");
     }
 
-    /// Where the weakest mark of a probe is within the limit, but not with room to spare; or not within
-    /// it, but nearly.
+    /// Two cases: the weakest mark of the probes is within the limit but above their share of it,
+    /// or it is above the limit but not by far.
     #[test]
     fn where_probes_do_not_fit_the_own_codeword_decides() {
         let found = |probes: f64, own: f64| {

@@ -1,12 +1,12 @@
-//! Whether a suspect has the shape of a host at all: a blind reader looks at distances from a centre only,
-//! and these can be copied on to another object.
+//! Whether a suspect has the shape of a host at all. A blind reader only uses distances from a
+//! centre, and these can be copied onto another object.
 
 use super::model::{HostModel, SuspectModel};
 use super::pose::{PoseKind, poses_until};
 use crate::registration::{Effort, Within};
 
-/// Which share of a suspect's surface lies on a host's, under the best of all pose hypotheses; `None` where that
-/// cannot be told, or once `within.stop` answers `true`.
+/// The largest share of a suspect's surface that lies on a host's, over all pose hypotheses; 0
+/// where none places the suspect. `None` once `within.stop` returns `true`.
 #[must_use]
 pub fn share_on(
     host_model: &HostModel,
@@ -20,8 +20,8 @@ pub fn share_on(
             PoseKind::InPlace => !pose.correspondences.is_empty(),
             kind => kind == PoseKind::SameOrder,
         };
-        // Turned as the host can be turned onto itself, it lies on the same share.
-        // The same vertices at nearly the same places need no closer look.
+        // The same vertices at nearly the same positions need no measurement. A pose hypothesis
+        // that differs by a symmetry of the host has the same share.
         let share = if in_order {
             Some(1.0)
         } else if !pose.is_placed() || matches!(pose.kind, PoseKind::Turned(_)) {
@@ -40,5 +40,5 @@ pub fn share_on(
     if (within.stop)() { None } else { Some(best.unwrap_or(0.0)) }
 }
 
-/// A share that no other pose hypothesis needs to beat.
+/// From this share on, no other pose hypothesis is tried.
 const ENOUGH: f64 = 0.9;

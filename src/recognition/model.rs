@@ -1,4 +1,4 @@
-//! Hosts and suspects made ready for each other.
+//! Hosts and suspects made ready for each other. What a comparison needs is built when first used.
 
 use std::sync::OnceLock;
 
@@ -9,7 +9,7 @@ use crate::mesh::surface::Surface;
 use crate::registration::{PreparedHost, PreparedSuspect, Shape};
 use crate::relief::ReliefHost;
 
-/// A host, ready for suspects; worth keeping between them.
+/// A host made ready for suspects. Keep it between suspects.
 pub struct HostModel {
     mesh: Mesh,
     surface: Surface,
@@ -19,13 +19,13 @@ pub struct HostModel {
 }
 
 impl HostModel {
-    /// Takes a host's geometry over.
+    /// Makes a host ready from its geometry.
     #[must_use]
     pub fn new(mesh: Mesh) -> Self {
         unstopped(|stop| Self::new_until(mesh, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// Like [`Self::new`]; `None` once `stop` returns `true`.
     #[must_use]
     pub fn new_until(mesh: Mesh, stop: Stop<'_>) -> Option<Self> {
         let surface = Surface::new_until(&mesh, stop)?;
@@ -33,28 +33,29 @@ impl HostModel {
         Some(Self { mesh, surface, faces_inward, prepared, relief: OnceLock::new() })
     }
 
-    /// Its geometry.
+    /// The geometry of the file.
     #[must_use]
     pub fn mesh(&self) -> &Mesh {
         &self.mesh
     }
 
-    /// Its carriers.
+    /// The host's surface with its carrier vertices.
     #[must_use]
     pub fn surface(&self) -> &Surface {
         &self.surface
     }
 
-    /// Bytes that it takes in memory with all that is made of it, about.
+    /// About how many bytes the model takes in memory, with everything that is built from it.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        // Positions, normals, rings, codes and the search tree, as measured on the dragon.
+        // Positions, normals, one-rings, signatures and the search tree, as measured on the dragon.
         const VERTEX: usize = 420;
         const TRIANGLE: usize = 320;
         self.mesh.positions().len() * VERTEX + self.mesh.triangles().len() * TRIANGLE
     }
 
-    /// What its relief is read with; `None` where there is none, and once `stop` answers `true`.
+    /// The host made ready for reading its relief; `None` where its surface has none, and once
+    /// `stop` returns `true`.
     pub fn relief(&self, stop: Stop<'_>) -> Option<&ReliefHost> {
         let prepare = || {
             let prepared = ReliefHost::new_until(self.surface.clone(), stop);
@@ -63,7 +64,7 @@ impl HostModel {
         once(&self.relief, prepare)?.as_ref()
     }
 
-    /// `None` where there is no shape, and once `stop` answers `true`.
+    /// `None` where there is no shape, and once `stop` returns `true`.
     pub(super) fn prepared(&self, stop: Stop<'_>) -> Option<&PreparedHost> {
         let prepare = || {
             let shape = Shape::new_until(self.surface.clone(), stop);
@@ -74,13 +75,13 @@ impl HostModel {
     }
 }
 
-/// A suspect, ready for hosts.
+/// A suspect made ready for hosts.
 pub struct SuspectModel<'a> {
     mesh: &'a Mesh,
     surface: &'a Surface,
     faces_inward: Option<bool>,
     prepared: OnceLock<Option<PreparedSuspect>>,
-    /// With its triangles turned over.
+    /// The suspect with its triangles flipped.
     over: OnceLock<Over>,
 }
 
@@ -90,26 +91,27 @@ struct Over {
 }
 
 impl<'a> SuspectModel<'a> {
-    /// A mesh and its carriers.
+    /// Makes a suspect ready from its mesh and its surface.
     #[must_use]
     pub fn new(mesh: &'a Mesh, surface: &'a Surface) -> Self {
         let (faces_inward, prepared) = (faces_inward(surface), OnceLock::new());
         Self { mesh, surface, faces_inward, prepared, over: OnceLock::new() }
     }
 
-    /// Its geometry.
+    /// The geometry of the file.
     #[must_use]
     pub fn mesh(&self) -> &Mesh {
         self.mesh
     }
 
-    /// Its carriers; with triangles that face as the host's do where both have an inside.
+    /// The suspect's surface with its carrier vertices. Its triangles face as the host's do where
+    /// both have an inside.
     #[must_use]
     pub fn surface(&self, host_model: &HostModel) -> &Surface {
         self.over(host_model).map_or(self.surface, |over| &over.surface)
     }
 
-    /// `None` where there is no shape, and once `stop` answers `true`.
+    /// `None` where there is no shape, and once `stop` returns `true`.
     pub(super) fn prepared(
         &self,
         host_model: &HostModel,

@@ -18,29 +18,32 @@ use crate::watermark::{Correspondence, Frame};
 /// What a pose hypothesis assumes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PoseKind {
-    /// The suspect kept the host's coordinates; vertices are the same if the file kept their
-    /// number and order, too.
+    /// The suspect kept the host's coordinates. Vertices correspond if the file also kept their
+    /// number and order.
     InPlace,
     /// The file kept the host's number of vertices and their order.
     SameOrder,
     /// The suspect was registered, by shared vertices or by the surface; the number is the rank of
     /// the alignment.
     Registered(usize),
-    /// The suspect was registered by shared vertices that are too few to be all there is.
+    /// The suspect was registered by shared vertices, too few of them to make a search by the
+    /// surface needless.
     FewVertices,
-    /// In place, and vertices that lie on vertices are the same.
+    /// The suspect kept the host's coordinates, and vertices that lie on vertices correspond.
     Near,
-    /// Registered, and turned as the host can be turned onto itself: one of so many such turns.
+    /// The suspect was registered and then rotated by one of the host's symmetries; the number says
+    /// how many of them there are.
     Turned(usize),
 }
 
-/// The part of a host's error probability that a pose hypothesis may spend, by kind; they add up to 1.
+/// Error shares: the part of a host's error probability that a pose hypothesis of each kind may
+/// spend. They add up to 1.
 impl PoseKind {
-    /// Its share.
+    /// The error share of this kind.
     #[must_use]
     pub fn share(self) -> f64 {
         match self {
-            // Parts end here, moved and not; they have few bins to spare.
+            // Parts are found by these two kinds, in place or moved, and have few bins to spare.
             Self::InPlace => 0.3,
             Self::Registered(0) => 0.35,
             Self::SameOrder => 0.1,
@@ -59,31 +62,33 @@ const MOST_BY_SURFACE: usize = 3;
 /// Rounds of reweighting when vertices are paired by their order.
 const ROUNDS: usize = 4;
 
-/// Vertices in the same order that are, in the median, farther from the host's than this share of
-/// its diagonal are not in the same order.
+/// Largest median distance of vertices that are paired by their order, a share of the host's
+/// diagonal. Beyond it, the order is not the host's.
 const SAME: f64 = 0.05;
 
 /// An assumption about where a suspect lies.
 #[derive(Debug, Clone)]
 pub struct PoseHypothesis {
-    /// What it rests on.
+    /// What it assumes.
     pub kind: PoseKind,
     /// From the suspect's coordinates to the host's.
     pub similarity: Similarity,
-    /// Carriers of the host where the suspect has them, in the host's coordinates; none when only
-    /// the frame is assumed.
+    /// Carrier vertices of the host with their positions in the suspect, in the host's coordinates;
+    /// empty when only the frame is assumed.
     pub correspondences: Vec<Correspondence>,
 }
 
 impl PoseHypothesis {
-    /// Whether it says where the suspect's surface lies: one that only assumes that nothing was moved is
-    /// followed by another ([`PoseKind::Near`]) where that is so.
+    /// Whether it says where the suspect's surface lies. [`PoseKind::InPlace`] without
+    /// correspondences does not: it only assumes that nothing was moved, and [`PoseKind::Near`]
+    /// follows where that is so.
     #[must_use]
     pub fn is_placed(&self) -> bool {
         self.kind != PoseKind::InPlace || !self.correspondences.is_empty()
     }
 
-    /// Where it puts the suspect's carriers, and whether that turns the surface inside out.
+    /// The suspect's carrier vertices in the host's coordinates, and whether the surface is
+    /// mirrored.
     pub(super) fn placed(&self, suspect: &Surface) -> (Vec<DVec3>, bool) {
         let place = |p: &DVec3| self.similarity.apply(*p);
         (suspect.positions.iter().map(place).collect(), self.similarity.scale < 0.0)
@@ -101,8 +106,8 @@ impl PoseHypothesis {
     }
 }
 
-/// Hands one pose hypothesis after the other to `see`, the cheap ones first, until it breaks, there are no more
-/// or `stop` says so.
+/// Passes one pose hypothesis after the other to `see`, the inexpensive ones first, until `see`
+/// breaks, there are no more, or `within.stop` returns `true`.
 pub fn poses(
     host_model: &HostModel,
     suspect_model: &SuspectModel<'_>,
@@ -133,7 +138,7 @@ pub fn poses(
         let similarity = shared.similarity;
         see(from_alignment(host_model, suspect_model, shared, kind))?;
         if enough {
-            // Every vertex may have correspondences in several places.
+            // On a symmetric host, every vertex may have correspondences in several places.
             return symmetric_poses(host, &similarity, within.stop, see);
         }
     }
@@ -152,8 +157,8 @@ pub fn poses(
     best.map_or(ControlFlow::Continue(()), |best| symmetric_poses(host, &best, within.stop, see))
 }
 
-/// The pose hypotheses after one under which the suspect lies on a host that lies on itself in several ways: its shape
-/// does not say in which.
+/// Further pose hypotheses at a symmetric host, after one under which the suspect lies on it. The
+/// suspect's shape does not show which of them is right.
 fn symmetric_poses(
     host: &PreparedHost,
     similarity: &Similarity,
@@ -175,7 +180,7 @@ fn symmetric_poses(
     ControlFlow::Continue(())
 }
 
-/// The same with a `see` that says whether it has seen enough.
+/// Like [`poses`], with a `see` that returns whether to end.
 pub(super) fn poses_until(
     host_model: &HostModel,
     suspect_model: &SuspectModel<'_>,
@@ -207,7 +212,7 @@ fn from_alignment(
 }
 
 /// Vertices paired by their number, where host and suspect have equally many; `None` once `stop`
-/// answers `true`.
+/// returns `true`.
 fn in_order(
     host_model: &HostModel,
     suspect_model: &SuspectModel<'_>,
@@ -226,13 +231,13 @@ fn in_order(
     (pairs.len() == carriers.len()).then_some(pairs)
 }
 
-/// Where the pairs' carriers are under a similarity.
+/// The correspondences of the pairs under a similarity.
 fn correspondences(pairs: &[Pair], similarity: &Similarity) -> Vec<Correspondence> {
     let at = |p: &Pair| similarity.apply(p.from);
     (0..).zip(pairs).map(|(carrier, p)| Correspondence { carrier, at: at(p) }).collect()
 }
 
-/// Infinite where there are no pairs.
+/// The median distance of the pairs; infinite without pairs.
 fn median_off(pairs: &[Pair], similarity: &Similarity) -> f64 {
     let off = |p: &Pair| similarity.apply(p.from).distance(p.to);
     let mut all: Vec<f64> = pairs.iter().map(off).collect();
@@ -247,7 +252,8 @@ fn is_same(host_model: &HostModel, median: f64) -> bool {
     median <= SAME * host_model.surface().diagonal()
 }
 
-/// A suspect that was moved, by the order of its vertices; `None` once `stop` answers `true`.
+/// The pose of a suspect that was moved, by the order of its vertices; `None` where the order is
+/// not the host's, and once `stop` returns `true`.
 fn same_order(
     host_model: &HostModel,
     mut pairs: Vec<Pair>,
@@ -367,7 +373,8 @@ mod tests {
         assert_eq!(kinds, [PoseKind::InPlace, PoseKind::Registered(0)]);
     }
 
-    /// The shape does not say which of the five is the suspect's, so each has to be among the pose hypotheses.
+    /// The shape does not show which of the five poses is right, so each has to be among the pose
+    /// hypotheses.
     #[test]
     fn a_new_tessellation_of_a_symmetric_host_is_seen_in_every_pose() {
         let host = crown(5, [240, 40]);

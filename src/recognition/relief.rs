@@ -1,4 +1,4 @@
-//! The relief of one mark, read from a suspect wherever a pose hypothesis has it.
+//! Reads the relief of one mark from a suspect, at each pose hypothesis.
 
 use super::model::{HostModel, SuspectModel};
 use super::pose::{PoseHypothesis, PoseKind, poses_until};
@@ -6,29 +6,33 @@ use crate::registration::{Effort, Within};
 use crate::relief::{Amplitude, ReliefReading, Signs, Work};
 use crate::watermark::MarkKey;
 
-/// What one relief says.
+/// The reading of one relief.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReliefFound {
-    /// log10 of the bound on the probability that a fresh key reads so well, all pose hypotheses counted.
+    /// False-positive bound, log10: bounds the probability that a fresh key reads so well, with all
+    /// pose hypotheses counted.
     pub log10_fp: f64,
     /// Cells that were read.
     pub read: usize,
-    /// Those of them whose sign agrees.
+    /// Cells among them whose sign agrees with the key's.
     pub agreeing: usize,
 }
 
-/// What a reading takes for each test that it makes: the estimate takes as long as the searches.
+/// Tests charged per test of a reading: the estimate takes as long as the searches.
 const PER_TEST: u64 = 2;
 
-/// Tests of a reading of one of several turns: on a gear of 459,040 triangles some twenty thousand heights
-/// after its refinement, which say little of each cell, but enough of all.
+/// Most tests of a reading at one of several symmetric poses. On a gear of 459,040 triangles this
+/// gives some twenty thousand heights after the refinement: little for each cell, but enough for
+/// all of them.
 const TURNED: u64 = 6_000_000;
 
-/// What a suspect's surface says of the signs of a host, at a pose hypothesis; `None` where it is nowhere near, the
-/// pose hypothesis does not say where it is, or once the job is stopped.
+/// Reads the signs of a host from a suspect's surface at a pose hypothesis. `None` where the
+/// suspect does not lie on the host, where the pose hypothesis does not say where the suspect lies,
+/// or once the job is stopped.
 ///
-/// A reading is charged to the budget: it makes as many tests as sizes explain and are left, a quarter of
-/// them in any case, but for one of several turns.
+/// The reading is charged to the budget. It makes as many tests as the sizes call for and the
+/// budget has left. It makes at least a quarter of the former, except at one of several symmetric
+/// poses.
 #[must_use]
 pub fn relief_at(
     host_model: &HostModel,
@@ -56,7 +60,7 @@ pub fn relief_at(
     reading
 }
 
-/// The best that the relief of a key reads with.
+/// The best reading of a key's relief over all pose hypotheses; `None` where there is none.
 #[must_use]
 pub fn relief_of(
     host_model: &HostModel,
@@ -65,7 +69,7 @@ pub fn relief_of(
     amplitude: Amplitude,
     within: Within<'_>,
 ) -> Option<ReliefFound> {
-    /// A bound that needs no other pose hypothesis.
+    /// Below this bound, no other pose hypothesis is tried.
     const CERTAIN: f64 = -15.0;
     let mut best: Option<ReliefFound> = None;
     let _ = poses_until(host_model, suspect_model, Effort::Whole, within, &mut |pose| {
@@ -94,7 +98,7 @@ mod tests {
     use crate::registration::similarity::Similarity;
     use crate::sample::Sample;
 
-    /// A smooth, nearly round surface, a tenth of which hardly says how it is turned.
+    /// A smooth, nearly round surface: a tenth of it hardly shows its rotation.
     #[test]
     fn a_moved_part_of_a_round_host_is_read_with_every_key() {
         let mesh = Sample::Blob.mesh(10_000).unwrap();

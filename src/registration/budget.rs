@@ -1,9 +1,9 @@
-//! What a registration may spend, in counted work: no clock, so that it ends the same on every
-//! machine and on any number of threads.
+//! What a registration may spend, in counted work. Uses no clock, so that a registration ends the
+//! same on every machine and on any number of threads.
 //!
-//! The unit is a *test*: a box or a triangle that a search for a closest point looks at, the inner
-//! loop of everything that takes long here. Searches add up what they took; who plans the next
-//! round asks what is left, so that a sum decides and never an order.
+//! The unit is a *test*: a box or a triangle that a search for a closest point visits. Tests are
+//! the inner loop of everything that takes long here. Searches add up their tests, and each round
+//! is planned by the tests that are left. Plans depend on sums, never on the order of searches.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -16,10 +16,10 @@ pub struct Budget {
     spent: AtomicU64,
 }
 
-/// How large the budget of a suspect is, over all hosts that it is compared with.
+/// The size of a suspect's budget, over all hosts that the suspect is compared with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Allowed {
-    /// Tests whatever the sizes.
+    /// Tests regardless of sizes.
     pub fixed: u64,
     /// Tests per vertex and triangle of the suspect.
     pub per_suspect: u64,
@@ -28,19 +28,19 @@ pub struct Allowed {
 }
 
 impl Default for Allowed {
-    /// A test takes 15 ns, so these are 0.45 s, and 6 us per element: what the law of
-    /// `benches/effort.rs` leaves beside the detectors. All searches together take 10 to 50 million tests
-    /// on usual hosts.
+    /// A test takes 15 ns, so this is 0.45 s, and 6 us per vertex and triangle: what the law of
+    /// `benches/effort.rs` leaves beside the detectors. On usual hosts, all searches together take
+    /// 10 to 50 million tests.
     fn default() -> Self {
         Self { fixed: 30_000_000, per_suspect: 400, per_host: 400 }
     }
 }
 
-/// How many times more may be spent where seconds are asked for.
+/// Factor of the budget for [`Effort::Thorough`].
 const THOROUGHLY: u64 = 10;
 
 impl Allowed {
-    /// What is usual for an effort.
+    /// The usual budget for an effort.
     #[must_use]
     pub fn of(effort: Effort) -> Self {
         let Self { fixed, per_suspect, per_host } = Self::default();
@@ -48,8 +48,8 @@ impl Allowed {
         Self { fixed: times * fixed, per_suspect: times * per_suspect, per_host: times * per_host }
     }
 
-    /// Budgets for a suspect of so many vertices and triangles together beside hosts of so many, in the
-    /// order in which they are looked at.
+    /// Budgets for a suspect at hosts, in the order in which they are tried. `suspect` and `hosts`
+    /// give vertices and triangles together.
     #[must_use]
     pub fn shares(&self, suspect: u64, hosts: Vec<u64>) -> Shares {
         let common = suspect.saturating_mul(self.per_suspect).saturating_add(self.fixed);
@@ -59,8 +59,9 @@ impl Allowed {
     }
 }
 
-/// The budgets of one suspect for host after host, the likeliest first: each has what its size is
-/// worth, and half of what goes by no host, with what those before it left of theirs.
+/// The budgets of one suspect for host after host, the likeliest first. Each host gets the tests
+/// for its own size and half of the common tests; the last host gets all of them. What a host does
+/// not spend goes back to the common tests.
 #[derive(Debug)]
 pub struct Shares {
     common: u64,
@@ -86,7 +87,7 @@ impl Shares {
 }
 
 impl Budget {
-    /// So many tests.
+    /// A budget of `tests` tests.
     #[must_use]
     pub fn new(tests: u64) -> Self {
         Self { all: tests, spent: AtomicU64::new(0) }
@@ -97,13 +98,13 @@ impl Budget {
         self.spent.fetch_add(tests, Ordering::Relaxed);
     }
 
-    /// Tests that are left. Only to be asked while no search runs.
+    /// Tests that are left. Call it only while no search runs.
     #[must_use]
     pub fn left(&self) -> u64 {
         self.all.saturating_sub(self.spent())
     }
 
-    /// One of so many equal shares of what is left.
+    /// One of `of` equal shares of what is left.
     #[must_use]
     pub fn share(&self, of: usize) -> u64 {
         self.left() / (of.max(1) as u64)
@@ -116,12 +117,12 @@ impl Budget {
     }
 }
 
-/// What a registration may spend: work, and time, where somebody waits.
+/// The limits of a registration: work, and time where somebody waits.
 #[derive(Clone, Copy)]
 pub struct Within<'a> {
     /// Work.
     pub budget: &'a Budget,
-    /// Asked before each search. `true` finds nothing any more.
+    /// Called before each search. Once it returns `true`, searches find nothing.
     pub stop: Stop<'a>,
 }
 
@@ -149,13 +150,13 @@ mod tests {
         assert_eq!(first.left(), 15 + 300);
         first.spend(10);
         shares.took(&first);
-        // Fifteen of all, and 305 that the first left.
+        // 15 common tests, and 305 that the first host left.
         let second = shares.deal();
         assert_eq!(second.left(), 160 + 3);
         second.spend(1000);
         shares.took(&second);
         assert_eq!(shares.deal().left(), 160 + 21);
-        // In all never more than by the law, whatever the sizes.
+        // Sums saturate, whatever the sizes.
         let mut shares = allowed.shares(u64::MAX, vec![u64::MAX; 2]);
         assert_eq!((shares.deal().left(), shares.deal().left()), (u64::MAX, u64::MAX));
     }

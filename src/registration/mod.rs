@@ -1,12 +1,16 @@
-//! Bringing a suspect into its host's coordinates, and finding the hosts worth trying.
+//! Registration: brings a suspect into its host's coordinates, and finds the hosts worth trying.
 //!
-//! A suspect may be a part of the host, moved, turned, scaled, mirrored, renumbered, roughened,
-//! smoothed or tessellated anew. In reading order: [`shape`] (a surface made ready), [`similarity`],
-//! [`by_vertices`](mod@by_vertices) and [`by_surface`](mod@by_surface) (the two ways), [`prepared`] (what is made once per host or suspect),
-//! [`budget`] (work that is counted), [`retrieval`] (which hosts to try).
+//! A suspect may be a part of its host. It may be moved, rotated, scaled, mirrored, renumbered,
+//! made noisy, smoothed or tessellated anew. In reading order:
 //!
-//! Pure: knows geometry alone. Must not know codewords or anything that depends on one, for the
-//! bound on false positives rests on that: what is found here may be scored, and counts once.
+//! - [`shape`] makes a surface ready; [`similarity`] is what is looked for;
+//! - [`by_vertices`](mod@by_vertices) finds suspect vertices that are host vertices;
+//! - [`by_surface`](mod@by_surface) aligns suspects with another tessellation;
+//! - [`prepared`] is what is made once per host or suspect; [`budget`] bounds the work;
+//! - [`retrieval`] finds the hosts to try.
+//!
+//! Pure: knows geometry alone. Must not know codewords or anything that depends on one. The bound
+//! on false positives rests on that: a pose that is found here may be scored, and counts once.
 
 pub mod budget;
 pub mod by_surface;

@@ -1,4 +1,4 @@
-//! Hosts and suspects made ready for each other, and what comes of it.
+//! Hosts and suspects made ready for registration, and the alignment that comes of it.
 
 use std::sync::OnceLock;
 
@@ -12,29 +12,30 @@ use crate::registration::by_surface::surfels::Discs;
 use crate::registration::by_surface::symmetry::symmetries;
 use crate::registration::by_vertices::vertices::{Findable, Landmarks};
 
-/// Points that a surface is aligned by before it is known to fit.
+/// Points by which a surface is aligned before it is known to fit.
 const ALIGNED: usize = 3000;
 
-/// Points by which parts are recognised.
+/// Points that describe a surface, so that parts are recognised.
 const DESCRIBED: usize = 6000;
 
-/// How hard to try.
+/// How much work a registration may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Effort {
-    /// Shared vertices, and what was tessellated anew: wholes, and parts as far as the budget goes.
+    /// By shared vertices and by the surface: whole suspects, and parts as far as the budget
+    /// allows.
     Whole,
-    /// Also mirrored wholes, and ten times the budget: seconds.
+    /// Also mirrored whole suspects, with ten times the budget: takes seconds.
     Thorough,
 }
 
 /// What an alignment rests on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Basis {
-    /// The file's own coordinates, which were kept.
+    /// The suspect's own coordinates: they are still the host's.
     InPlace,
     /// Vertices that suspect and host share.
     Vertices,
-    /// The surface.
+    /// The surface alone.
     Surface,
 }
 
@@ -43,31 +44,34 @@ pub enum Basis {
 pub struct Alignment {
     /// From the suspect file's coordinates to the host file's.
     pub similarity: Similarity,
-    /// What it rests on.
+    /// What the alignment rests on.
     pub basis: Basis,
-    /// Share of the suspect that lies on the host: of its carriers that are paired, or of its area.
+    /// Share of the suspect that lies on the host, from 0 to 1: the paired share of its carrier
+    /// vertices, or a share of its area.
     pub overlap: f64,
     /// Root mean square distance over that share, relative to the host's diagonal.
     pub rms: f64,
-    /// Carriers of the suspect and of the host that are one vertex, ascending by the first. Where
-    /// the basis is the surface they are nearest to each other and no more; none where most of the
-    /// one that has fewer have no such partner.
+    /// Pairs of a carrier vertex of the suspect and one of the host that are the same vertex,
+    /// ascending by the suspect's. Where the basis is the surface, they are only nearest to each
+    /// other. Then the list is empty if fewer than half of the vertices of the smaller mesh are
+    /// paired.
     pub pairs: Vec<[u32; 2]>,
 }
 
-/// A host made ready; worth keeping while several suspects are compared with it.
+/// A host made ready for registration. Keep it while several suspects are compared with it.
 pub struct PreparedHost {
     pub(super) shape: Shape,
     pub(super) landmarks: Landmarks,
     pub(super) points: Vec<Point>,
-    /// Built when first asked for: vertex correspondences do without, and what fits nowhere without the latter.
+    /// This field and those below are built when first needed. An alignment by vertices needs none
+    /// of them, and a suspect that fits nowhere needs no `target`.
     discs: OnceLock<Discs>,
     target: OnceLock<Option<IcpTarget>>,
     places: OnceLock<HostPlaces>,
     symmetries: OnceLock<Vec<Similarity>>,
 }
 
-/// A suspect made ready.
+/// A suspect made ready for registration.
 pub struct PreparedSuspect {
     pub(super) shape: Shape,
     pub(super) landmarks: Findable,
@@ -76,13 +80,13 @@ pub struct PreparedSuspect {
 }
 
 impl PreparedHost {
-    /// Takes a shape over.
+    /// Makes a shape ready.
     #[must_use]
     pub fn new(shape: Shape) -> Self {
         unstopped(|stop| Self::new_until(shape, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// Like [`Self::new`]; `None` once `stop` returns `true`.
     #[must_use]
     pub fn new_until(shape: Shape, stop: Stop<'_>) -> Option<Self> {
         let landmarks = Landmarks::new(&shape, stop)?;
@@ -92,24 +96,24 @@ impl PreparedHost {
         Some(Self { shape, landmarks, points, discs, target, places, symmetries })
     }
 
-    /// Its shape.
+    /// The prepared shape.
     #[must_use]
     pub fn shape(&self) -> &Shape {
         &self.shape
     }
 
-    /// `None` once `stop` answers `true`.
+    /// `None` once `stop` returns `true`.
     pub(super) fn discs(&self, stop: Stop<'_>) -> Option<&Discs> {
         once(&self.discs, || Discs::new(&self.shape, stop))
     }
 
-    /// `None` once `stop` answers `true`.
+    /// `None` once `stop` returns `true`.
     pub(super) fn places(&self, stop: Stop<'_>) -> Option<&HostPlaces> {
         once(&self.places, || HostPlaces::new(&scatter_until(&self.shape, DESCRIBED, stop)?, stop))
     }
 
-    /// The turns that bring it onto itself, but for the identity, in its own coordinates; `None` once
-    /// `stop` answers `true`.
+    /// The rotations other than the identity that map the host onto itself, in the coordinates of
+    /// its file; `None` once `stop` returns `true`.
     pub fn symmetries(&self, stop: Stop<'_>) -> Option<&[Similarity]> {
         let make = || {
             let found = symmetries(self, stop)?;
@@ -119,7 +123,7 @@ impl PreparedHost {
         once(&self.symmetries, make).map(Vec::as_slice)
     }
 
-    /// Also `None` once `stop` answers `true`.
+    /// `None` where the surface cannot be searched, and once `stop` returns `true`.
     pub(super) fn target(&self, stop: Stop<'_>) -> Option<&IcpTarget> {
         let make = || {
             let target = IcpTarget::new(&self.shape, stop);
@@ -130,13 +134,13 @@ impl PreparedHost {
 }
 
 impl PreparedSuspect {
-    /// Takes a shape over.
+    /// Makes a shape ready.
     #[must_use]
     pub fn new(shape: Shape) -> Self {
         unstopped(|stop| Self::new_until(shape, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// Like [`Self::new`]; `None` once `stop` returns `true`.
     #[must_use]
     pub fn new_until(shape: Shape, stop: Stop<'_>) -> Option<Self> {
         let points = scatter_until(&shape, ALIGNED, stop)?;
@@ -144,20 +148,20 @@ impl PreparedSuspect {
         Some(Self { shape, landmarks: Findable::default(), points, places })
     }
 
-    /// Its shape.
+    /// The prepared shape.
     #[must_use]
     pub fn shape(&self) -> &Shape {
         &self.shape
     }
 
-    /// `None` once `stop` answers `true`.
+    /// `None` once `stop` returns `true`.
     pub(super) fn places(&self, stop: Stop<'_>) -> Option<&SuspectPlaces> {
         once(&self.places, || {
             SuspectPlaces::new(&scatter_until(&self.shape, DESCRIBED, stop)?, stop)
         })
     }
 
-    /// About so many of its points, spread over all of it.
+    /// About `count` of the suspect's points, spread over the whole surface.
     pub(super) fn some(&self, count: usize) -> Vec<Point> {
         self.points.iter().step_by((self.points.len() / count).max(1)).copied().collect()
     }

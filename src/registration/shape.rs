@@ -10,54 +10,56 @@ use crate::registration::by_vertices::signatures::{
     Sense, Signature, connectivity_until, metric_until,
 };
 
-/// Rings that a vertex's connectivity code looks at. One more costs a fragment more of its vertices
-/// (those near its border have no code), one less leaves too few codes that occur once.
+/// Rings that a connectivity signature covers. With one more, a fragment loses the signatures of
+/// more of its vertices, those near its border. With one less, too few signatures occur once.
 const RADIUS: usize = 2;
 
-/// What makes up a code.
+/// What a signature is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// Valences.
     Connectivity,
-    /// Lengths.
+    /// Edge lengths.
     Metric,
 }
 
-/// A code that occurs once in its mesh, and the vertex that has it.
+/// A vertex whose signature occurs once in its mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Landmark {
-    /// The code.
+    /// The signature.
     pub code: Signature,
     /// The vertex.
     pub vertex: u32,
 }
 
-/// A surface in a unit of its own: its box about the origin, with a diagonal of 1.
+/// A surface in unit coordinates: its bounding box is centred at the origin, and its diagonal is 1.
 #[derive(Debug, Clone)]
 pub struct Shape {
-    /// Carriers, in that unit.
+    /// Carrier vertices, in unit coordinates.
     pub positions: Vec<DVec3>,
-    /// Triangles over them.
+    /// Triangles, as indices into `positions`.
     pub triangles: Vec<[u32; 3]>,
-    /// Per carrier the first vertex of the file that stands for it.
+    /// Per carrier vertex, the first vertex of the file that stands for it.
     pub first_vertex: Vec<u32>,
-    /// Per carrier the unit normal, its triangles' weighted by area; zero where they cancel out.
+    /// Per carrier vertex, the unit normal: the area-weighted mean over its triangles, or zero
+    /// where these cancel out.
     pub normals: Vec<DVec3>,
-    /// The neighbours around each carrier.
+    /// The one-rings of the carrier vertices.
     pub rings: Rings,
-    /// From the file's coordinates to the shape's own.
+    /// From the file's coordinates to unit coordinates.
     pub unit: Similarity,
 }
 
 impl Shape {
-    /// Takes a surface over. `None` if there is no triangle with area, more than a third of 2^32
-    /// triangles, or coordinates so large or so small that they cannot be brought to unit size.
+    /// Brings a surface to unit coordinates. `None` if it has no triangle with area, more than a
+    /// third of 2^32 triangles, or coordinates so large or so small that they cannot be brought to
+    /// unit size.
     #[must_use]
     pub fn new(surface: Surface) -> Option<Self> {
         Self::new_until(surface, &never)
     }
 
-    /// The same; also `None` once `stop` answers `true`.
+    /// Like [`Self::new`]; also `None` once `stop` returns `true`.
     #[must_use]
     pub fn new_until(surface: Surface, stop: Stop<'_>) -> Option<Self> {
         u32::try_from(surface.triangles.len().checked_mul(3)?).ok()?;
@@ -78,7 +80,7 @@ impl Shape {
         Some(Self { positions, triangles, first_vertex, normals, rings, unit })
     }
 
-    /// The codes of all carriers; `None` once `stop` answers `true`.
+    /// The signatures of all carrier vertices; `None` once `stop` returns `true`.
     fn codes(&self, kind: Kind, sense: Sense, stop: Stop<'_>) -> Option<Vec<Signature>> {
         match kind {
             Kind::Connectivity => connectivity_until(&self.rings, sense, RADIUS, stop),
@@ -86,7 +88,8 @@ impl Shape {
         }
     }
 
-    /// The codes that occur once, by ascending hash; `None` once `stop` answers `true`.
+    /// The vertices whose signatures occur once, by ascending hash; `None` once `stop` returns
+    /// `true`.
     #[must_use]
     pub fn landmarks(&self, kind: Kind, sense: Sense, stop: Stop<'_>) -> Option<Vec<Landmark>> {
         let all: Vec<Landmark> = (0..)

@@ -6,8 +6,8 @@ use crate::mesh::linear::eigen;
 
 /// `x -> scale * rotation * x + translation`.
 ///
-/// A negative scale is a mirror image: turning everything inside out through a point is the one
-/// reflection that needs no axis.
+/// A negative scale is a mirror image: a reflection through a point, the one reflection that needs
+/// no axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Similarity {
     /// Factor of all lengths; negative for a mirror image, never zero.
@@ -29,13 +29,13 @@ impl Similarity {
         self.rotation * p * self.scale + self.translation
     }
 
-    /// Where the direction `d` points; mirrored for a mirror image.
+    /// The direction `d` under the similarity; mirrored for a mirror image.
     #[must_use]
     pub fn turn(&self, d: DVec3) -> DVec3 {
         self.rotation * d * self.scale.signum()
     }
 
-    /// The way back.
+    /// The inverse similarity.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let (scale, rotation) = (self.scale.recip(), self.rotation.inverse());
@@ -52,7 +52,8 @@ impl Similarity {
         }
     }
 
-    /// How far from each other two put a point of the unit box, at the most, about.
+    /// About the largest distance between the images of a point of the unit box under the two
+    /// similarities.
     #[must_use]
     pub fn apart(&self, other: &Self) -> f64 {
         let apart = |&p: &DVec3| self.apply(p).distance(other.apply(p));
@@ -73,16 +74,16 @@ pub struct Pair {
     pub from: DVec3,
     /// The host's point.
     pub to: DVec3,
-    /// How much it counts, at least 0.
+    /// The weight of the pair, at least 0.
     pub weight: f64,
 }
 
 /// The similarity that takes `from` to `to` with the least weighted squares (Horn 1987), a mirror
 /// image if `mirrored`.
 ///
-/// It is the suspect that is disturbed, so the squares are taken in its space: the scale is
+/// The noise is in the suspect, so the squares are taken in the suspect's space. The scale is
 /// `sum(w b.b) / sum(w b.R a)` and not `sum(w b.R a) / sum(w a.a)`, which noise in `a` makes too
-/// small (by 0.06 % for noise of 0.5 % on a fragment of a fifth of the diagonal).
+/// small: by 0.06 % for noise of 0.5 % on a fragment of a fifth of the diagonal.
 ///
 /// `None` for fewer than three pairs, or points that do not fix a similarity.
 #[must_use]

@@ -1,5 +1,5 @@
-//! Writes a generated mesh as a new file. (Uploaded files are never written from a mesh; they are
-//! patched. See `formats`.)
+//! Writes a generated mesh as a new file. Uploaded files are never written from a mesh: `formats`
+//! patches them.
 
 use std::fmt::Write as _;
 

@@ -1,7 +1,7 @@
-//! Meshes made from nothing: for the README, the tests and the benchmarks.
+//! Generated meshes for the README, the tests and the benchmarks.
 //!
-//! Each is a closed surface with the norms of a real object (spread over its whole radial range)
-//! and none of its licence.
+//! Each is a closed surface whose norms are spread over its whole radial range, as those of a real
+//! object are. No licence applies to it.
 
 mod files;
 

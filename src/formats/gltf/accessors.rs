@@ -1,5 +1,5 @@
-//! Accessors with every offset, count and stride checked: what they say becomes a [`Span`] whose
-//! every element lies inside its buffer, or an error that names the JSON path.
+//! Checks every offset, count and stride of accessors. The result is a [`Span`] whose every element
+//! lies inside its buffer, or an error that names the JSON path.
 //!
 //! Must not know what the elements mean. Nothing is allocated here by a declared count alone.
 
@@ -25,7 +25,7 @@ impl Span {
     }
 }
 
-/// Which part of an accessor is looked at, for the path of an error.
+/// The part of an accessor that an error's path names.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Part {
     Base,
@@ -66,7 +66,7 @@ pub(super) fn span(
         return Err(malformed(path, format!("bufferViews[{index}] does not exist")));
     };
     for extension in ["EXT_meshopt_compression", "KHR_meshopt_compression"] {
-        // Its data may have an uncompressed twin, but only one of the two would be marked.
+        // The view may have an uncompressed copy, but only one of the two would be marked.
         if view.extensions.contains_key(extension) {
             return Err(super::compressed(extension));
         }
@@ -176,7 +176,7 @@ pub(super) struct SparseSpans {
     pub(super) values: Span,
 }
 
-/// The sparse part of an accessor, checked, but for the indices themselves.
+/// The sparse part of an accessor; all but the indices themselves is checked.
 pub(super) fn sparse_spans(
     document: &Document,
     buffers: &mut Buffers,

@@ -36,7 +36,8 @@ pub(super) fn assemble(
     if out.len() == container.json.end {
         out.extend_from_slice(padding);
     } else {
-        // The old chunk's length is kept while the text fits; beyond, a multiple of four.
+        // The chunk keeps its length while the text fits; beyond that, its length is a multiple of
+        // four.
         let length = out.len().saturating_sub(chunk.start).next_multiple_of(4);
         let end = chunk.start.saturating_add(length.max(chunk.len()));
         out.resize(end, b' ');

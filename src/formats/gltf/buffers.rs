@@ -1,7 +1,7 @@
 //! The bytes of a document's buffers, loaded when the geometry first needs them.
 //!
-//! A buffer in another file is never opened; it is an error only when it is needed, so that a
-//! missing image or animation does not stop a mark.
+//! A buffer in another file is never opened. It is an error only when the geometry needs it, so
+//! that a missing image or animation does not prevent a mark.
 
 use std::borrow::Cow;
 
@@ -10,7 +10,7 @@ use super::document::Document;
 use super::{data_uri, malformed};
 use crate::formats::FormatError;
 
-/// Buffers by index; those not needed are absent.
+/// Buffers by index; those not loaded are absent.
 #[derive(Debug)]
 pub(super) struct Buffers<'a> {
     file: &'a [u8],
@@ -24,7 +24,7 @@ impl<'a> Buffers<'a> {
         Self { file, container, loaded }
     }
 
-    /// Makes sure that a buffer is there and as long as it says.
+    /// Loads a buffer unless it is loaded, and checks that it is as long as it declares.
     pub(super) fn load(&mut self, document: &Document, index: usize) -> Result<(), FormatError> {
         let (Some(buffer), Some(slot)) = (document.buffers.get(index), self.loaded.get_mut(index))
         else {

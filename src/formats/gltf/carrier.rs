@@ -1,8 +1,8 @@
 //! From placed meshes to position blocks and the primitives that connect them.
 //!
 //! Vertices belong to accessors, not to primitives: a *position block* is one distinct layout of
-//! POSITION bytes, however many primitives name it. Only structure is looked at here; counts are
-//! held against the limits before anything as large as they say is allocated.
+//! POSITION bytes, however many primitives name it. Only the structure is read here. Counts are
+//! checked against the limits before anything of their size is allocated.
 
 use std::collections::HashMap;
 
@@ -18,11 +18,11 @@ use crate::formats::{FormatError, Limits};
 pub(super) const POSITION_BYTES: usize = 12;
 
 /// How many times primitives may, on average, name the same indices. Several materials over one
-/// surface do so a few times; a file that was made to hurt does so a thousand times, and every
-/// triangle takes as much memory and time as one of its own.
+/// surface do so a few times. A hostile file does so a thousand times, and every repeated triangle
+/// takes as much memory and time as one of its own.
 const MOST_REPEATS: usize = 4;
 
-/// Corners and elements without bytes that are no trouble in a file of any size.
+/// Number of corners, and of elements without bytes, that are allowed in a file of any size.
 const FEW_CORNERS: usize = 3 << 16;
 const FEW_ELEMENTS: usize = 1 << 16;
 
@@ -128,7 +128,7 @@ pub(super) fn gather(
     Ok(gathering.carrier)
 }
 
-/// Elements of the file's own: those of spans that overlap count once, as the smallest of them.
+/// Distinct elements of the file: bytes that several spans cover count once.
 fn distinct_elements(spans: &mut [Span]) -> usize {
     spans.sort_unstable_by_key(|span| (span.buffer, span.start));
     let (mut elements, mut buffer, mut passed) = (0_usize, None, 0);
@@ -152,7 +152,7 @@ struct Gathering<'a, 'b> {
     by_accessor: HashMap<usize, usize>,
     by_key: HashMap<BlockKey, usize>,
     carrier: Carrier,
-    /// Corners of all pieces, and where the bytes stand that say which they are.
+    /// Corners of all pieces, and the spans of bytes that say which corners they are.
     corners: usize,
     named: Vec<Span>,
     /// Elements that have no bytes.
@@ -179,7 +179,8 @@ impl Gathering<'_, '_> {
         if primitive.extensions.contains_key("KHR_draco_mesh_compression") {
             return Err(compressed("KHR_draco_mesh_compression"));
         }
-        // The specification allows it; there is nothing to draw, and nothing to move.
+        // The specification allows a primitive without positions: there is nothing to draw, and
+        // nothing to move.
         let Some(&position) = primitive.attributes.get("POSITION") else { return Ok(()) };
         let block = self.block(position, transform, path)?;
         let indices = match primitive.indices {
@@ -207,7 +208,7 @@ impl Gathering<'_, '_> {
         Ok(())
     }
 
-    /// Refuses more corners than the bytes of the file can mean.
+    /// Refuses more corners than the bytes of the file can stand for.
     fn bounded(&mut self) -> Result<(), FormatError> {
         let own = distinct_elements(&mut self.named);
         let limit = own.saturating_mul(MOST_REPEATS).saturating_add(FEW_CORNERS);
@@ -252,7 +253,8 @@ impl Gathering<'_, '_> {
             return Ok(block);
         }
         if key.base.is_none() {
-            // Zeros, however many are declared: no more than the file could have spelled out.
+            // Elements without bytes are zeros: no more of them are allowed than the file could
+            // have stored.
             let limit = FEW_ELEMENTS.max(self.file_bytes / POSITION_BYTES);
             self.byteless = within("vertices without bytes", self.byteless, key.count, limit)?;
         }

@@ -1,6 +1,6 @@
 //! The outermost layer: where the JSON text and the binary chunk stand in the file.
 //!
-//! Must not know what the JSON says. Chunks of unknown types are stepped over and kept.
+//! Must not know what the JSON says. Chunks of unknown types are skipped and kept.
 
 use std::ops::Range;
 
@@ -41,7 +41,7 @@ pub(super) fn split(bytes: &[u8], format: Format) -> Result<Container, FormatErr
         ));
     }
     let total = word(bytes, 8).and_then(size).ok_or_else(truncated)?;
-    // A file cut short must never be half-read: its declared length tells.
+    // A file that was cut short must never be half-read: its declared length shows it.
     if total > bytes.len() {
         return Err(malformed(
             "GLB header",

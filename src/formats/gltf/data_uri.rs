@@ -21,7 +21,7 @@ const fn engine(padding: bool) -> GeneralPurpose {
 /// A data URI cut at its comma.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct DataUri<'a> {
-    /// Up to and with the comma.
+    /// Up to and including the comma.
     head: &'a str,
     payload: &'a str,
 }

@@ -176,7 +176,8 @@ pub(super) fn parse(json: &[u8]) -> Result<Document, FormatError> {
     if let Err(error) = std::str::from_utf8(json) {
         return Err(malformed("JSON", format!("byte {} is not UTF-8", error.valid_up_to())));
     }
-    // Deep nesting overflows the stack of readers that recurse; ours does not, theirs may.
+    // Deep nesting overflows the stack of readers that recurse. This reader does not recurse;
+    // others may.
     if json_spans::nested_deeper_than(json, 127) {
         return Err(malformed("JSON", "nested more than 127 levels deep: simplify the file"));
     }
@@ -186,7 +187,7 @@ pub(super) fn parse(json: &[u8]) -> Result<Document, FormatError> {
             return old;
         }
         let path = error.path().to_string();
-        // A document that is no JSON at all has no path.
+        // A text that is not JSON has no path.
         let path = if path == "." || path == "?" { "JSON".to_owned() } else { path };
         let mut reason = error.into_inner().to_string();
         reason = reason.replace("expected usize", "expected a whole number from 0 on");
@@ -199,7 +200,7 @@ pub(super) fn parse(json: &[u8]) -> Result<Document, FormatError> {
     version(&document.asset).map_or(Ok(document), Err)
 }
 
-/// A glTF 1.0 document fails for many reasons; the version is the one that helps.
+/// A glTF 1.0 document fails for many reasons; the version is the one that helps the user.
 fn old_version(json: &[u8]) -> Option<FormatError> {
     #[derive(Deserialize)]
     struct Preface {

@@ -12,7 +12,7 @@ use super::carrier::{Block, BlockKey, Mode, Piece};
 use super::malformed;
 use crate::formats::{FormatError, Stop, go_on};
 
-/// Indices that are read before `stop` is asked again: milliseconds.
+/// Indices that are read between two calls of `stop`: milliseconds.
 const STRETCH: usize = 1 << 18;
 
 /// The local coordinates of an element; zero when it has no bytes.

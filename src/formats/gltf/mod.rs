@@ -1,9 +1,9 @@
 //! glTF 2.0 and GLB.
 //!
-//! Reads the carrier (the default scene's triangles, in world space) with checked arithmetic,
-//! and writes new positions into the host's own bytes: POSITION data and the `min` and `max` of
-//! those accessors change, nothing else. Opens no file that a URI names. Textures, materials,
-//! animations and morph targets are never looked at.
+//! Reads the carrier (the default scene's triangles, in world space) with checked arithmetic, and
+//! writes new positions into the host's own bytes: POSITION data and the `min` and `max` of those
+//! accessors change, nothing else. Opens no file that a URI names. Never reads textures, materials,
+//! animations or morph targets.
 //!
 //! - `container`: JSON text and BIN chunk; `document`: the parts of the JSON that matter;
 //! - `data_uri`, `buffers`: bytes; `accessors`: checked spans of bytes;
@@ -94,7 +94,7 @@ impl Layout {
         &self.pinned
     }
 
-    /// Replaces positions by what they would read back as. Worth nothing once `stop` answers `true`.
+    /// Replaces positions by what they would read back as. Meaningless once `stop` returns `true`.
     pub(super) fn round(&self, host: &Mesh, positions: &mut [DVec3], stop: Stop<'_>) {
         for block in &self.blocks {
             let range = block.first..block.first.saturating_add(block.key.count);

@@ -1,8 +1,8 @@
-//! Would moving a vertex change anything but a position?
+//! Refuses files in which moving a vertex would change anything but a position.
 //!
 //! POSITION bytes may be interleaved with other attributes, but must not be the bytes of another
-//! accessor or of an image. One sweep over sorted intervals: a hostile file with a hundred
-//! thousand accessors must not cost the square of them.
+//! accessor or of an image. The check is one sweep over sorted intervals: a hostile file with a
+//! hundred thousand accessors must not cost the square of them.
 
 use std::collections::HashMap;
 
@@ -11,7 +11,8 @@ use super::carrier::{Block, BlockKey};
 use super::document::{Accessor, Document, FLOAT};
 use crate::formats::FormatError;
 
-/// Real files need a few comparisons per accessor; beyond this the file is made to hurt.
+/// Most comparisons of a sweep. Real files need a few per accessor; a file that needs more than
+/// this is hostile.
 const MOST_COMPARISONS: usize = 1 << 26;
 
 /// Refuses shared bytes, and names in each block every accessor that declares its layout.
@@ -73,7 +74,7 @@ struct Item {
     accessor: Option<usize>,
 }
 
-/// Accessors that nothing uses but as POSITION of a primitive (or nothing at all).
+/// Per accessor, whether it is used only as POSITION of primitives, or not at all.
 fn positions_only(document: &Document) -> Vec<bool> {
     let mut only = vec![true; document.accessors.len()];
     let mut also = |index: usize| {
@@ -95,7 +96,7 @@ fn positions_only(document: &Document) -> Vec<bool> {
     only
 }
 
-/// The layout of an accessor that need not be valid: sums saturate, `None` when it has no sense.
+/// The layout of an accessor that need not be valid: sums saturate; `None` when it makes no sense.
 fn declared(document: &Document, accessor: &Accessor) -> Option<BlockKey> {
     let size = element_bytes(accessor)?;
     let span = |view: usize, offset: usize, size: usize, count: usize| {
@@ -182,8 +183,8 @@ fn shared(claim: &Item, rival: &Item) -> FormatError {
     }
 }
 
-/// Whether two spans of one buffer have a byte in common. For different strides the answer may
-/// be yes without need.
+/// Whether two spans of one buffer have a byte in common. For different strides, `true` may be
+/// wrong.
 fn share_bytes(a: &Span, b: &Span) -> bool {
     if a.start >= end(b) || b.start >= end(a) {
         return false;

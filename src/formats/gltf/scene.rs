@@ -32,7 +32,8 @@ pub(super) fn placed_meshes(document: &Document) -> Result<Vec<Placed>, FormatEr
     }
     let mut placed = Vec::new();
     let mut seen = HashSet::new();
-    // Ends: every node has one parent at most and roots have none, so none is met twice.
+    // The loop ends: every node has at most one parent and roots have none, so no node is visited
+    // twice.
     while let Some((index, parent)) = stack.pop() {
         let Some(node) = document.nodes.get(index) else { continue };
         let world = parent * local(node, index)?;
@@ -58,7 +59,7 @@ pub(super) fn placed_meshes(document: &Document) -> Result<Vec<Placed>, FormatEr
     Ok(placed)
 }
 
-/// Whether each node is some node's child; an error when it is twice.
+/// Whether each node is the child of a node; an error when it is the child of two.
 fn single_parents(document: &Document) -> Result<Vec<bool>, FormatError> {
     let mut is_child = vec![false; document.nodes.len()];
     for (parent, node) in document.nodes.iter().enumerate() {

@@ -1,7 +1,7 @@
-//! Between the file's 32-bit local coordinates and world space.
+//! Conversion between the file's 32-bit local coordinates and world space.
 //!
-//! Reader, rounding and writer share this arithmetic; that is why what is written reads back
-//! to the bit.
+//! Reader, rounding and writer share this arithmetic, so that what is written reads back to the
+//! bit.
 
 use glam::{DAffine3, DVec3};
 
@@ -22,8 +22,8 @@ impl Transform {
         to_local.is_finite().then_some(Self { to_world, to_local })
     }
 
-    /// Where a vertex of the file is. Adding zero makes -0 to 0, so that the sign of a zero in
-    /// the file, which the writer keeps, cannot show in the result.
+    /// The world position of a vertex of the file. Adding zero turns -0 into 0: the sign of a zero
+    /// in the file, which the writer keeps, must not show in the result.
     pub(super) fn forward(&self, local: [f32; 3]) -> DVec3 {
         self.to_world.transform_point3(DVec3::from_array(local.map(f64::from))) + DVec3::ZERO
     }
@@ -33,11 +33,11 @@ impl Transform {
         local.iter().all(|c| c.is_finite()).then_some(local)
     }
 
-    /// The nearest position that the file can hold: its local coordinates and where it is.
+    /// The nearest position that the file can hold: its local coordinates and its world position.
     ///
-    /// A fixed point: settling the result again gives the same. With a badly conditioned matrix
-    /// (a tiny mesh far from the origin) one rounding is not enough for that, so it is repeated;
-    /// `None` when it does not come to rest, or overflows.
+    /// The result is a fixed point: settling it again gives the same. With a badly conditioned
+    /// matrix, as of a tiny mesh far from the origin, one rounding is not enough for that, so
+    /// rounding is repeated. `None` when it does not come to rest, or overflows.
     pub(super) fn settle(&self, world: DVec3) -> Option<([f32; 3], DVec3)> {
         let mut local = self.backward(world)?;
         let mut settled = self.forward(local);
@@ -53,7 +53,7 @@ impl Transform {
     }
 }
 
-/// Bit for bit.
+/// Whether two positions are the same bit for bit.
 pub(super) fn same(a: DVec3, b: DVec3) -> bool {
     a.to_array().map(f64::to_bits) == b.to_array().map(f64::to_bits)
 }

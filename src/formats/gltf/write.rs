@@ -1,7 +1,7 @@
-//! New coordinates into the host's own bytes.
+//! Writes new coordinates into the host's own bytes.
 //!
 //! The floats of moved vertices are replaced where they stand, in the BIN chunk or in the base64
-//! text, and the `min` and `max` of their accessors where an extreme changed. The JSON is never
+//! text. So are the `min` and `max` of their accessors where an extreme changed. The JSON is never
 //! re-serialised: new numbers are spliced into the original text.
 
 use std::collections::BTreeSet;
@@ -45,7 +45,8 @@ pub(super) fn write(
     {
         return Err(read_back("the bytes given are not those of the file that was read"));
     }
-    // Parsed again rather than kept: it holds the base64 text of every embedded buffer.
+    // The document is parsed again rather than kept: it holds the base64 text of every embedded
+    // buffer.
     let json = bytes.get(layout.container.json.clone()).unwrap_or_default();
     let document = document::parse(json)?;
     let mut buffers = Buffers::new(bytes, &layout.container, &document);
@@ -70,7 +71,7 @@ pub(super) fn write(
     assemble(&layout.container, bytes, bin, &splices)
 }
 
-/// Writes the moved vertices of a block into its buffers; tells which extremes that changed.
+/// Writes the moved vertices of a block into its buffers; returns which extremes changed.
 fn patch(
     block: &Block,
     buffers: &mut Buffers,
@@ -121,7 +122,7 @@ fn patch(
     if moved { Changes::between(&moves, stop) } else { Ok(Changes::default()) }
 }
 
-/// Local coordinates before and after.
+/// Local coordinates of a vertex before and after.
 struct Move {
     old: [f32; 3],
     new: [f32; 3],
@@ -201,7 +202,7 @@ fn splice_bounds(layout: &Layout, bytes: &[u8], changes: &[Changes], splices: &m
     }
 }
 
-/// Base64 text of the changed buffers that are data URIs.
+/// New base64 text of the changed buffers that are data URIs.
 fn splice_uris(
     layout: &Layout,
     bytes: &[u8],

@@ -1,5 +1,5 @@
-//! A stretch of whole logical lines: its vertices and faces, before anyone knows what stands in
-//! front of it.
+//! A chunk of whole logical lines: its vertices and faces, parsed before the number of vertices in
+//! front of it is known.
 
 use glam::DVec3;
 
@@ -8,7 +8,7 @@ use super::cursor::{Cursor, Statement};
 use super::fault::{Cause, Fault};
 use super::number::coordinate;
 
-/// What one chunk holds. Beyond the caller's caps it is counted but not kept.
+/// The content of one chunk. What exceeds the caller's caps is counted but not kept.
 #[derive(Debug, Default)]
 pub(super) struct Chunk {
     pub(super) positions: Vec<DVec3>,
@@ -45,7 +45,7 @@ impl Chunk {
         Ok(chunk)
     }
 
-    /// The first three numbers; a weight or a colour behind them is left alone.
+    /// Reads the first three numbers. A weight or a colour after them is left alone.
     #[inline]
     fn vertex(&mut self, cursor: &mut Cursor<'_>, start: usize, caps: Caps) -> Result<(), Fault> {
         let keyword = cursor.offset().saturating_sub(1);
@@ -72,7 +72,7 @@ impl Chunk {
         Ok(())
     }
 
-    /// A fan from the first corner. Fewer than three corners carry no triangle.
+    /// Reads a polygon as a fan from its first corner. Fewer than three corners give no triangle.
     #[inline]
     fn face(&mut self, cursor: &mut Cursor<'_>, caps: Caps) -> Result<(), Fault> {
         let mut first = None;

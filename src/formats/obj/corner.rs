@@ -1,16 +1,16 @@
 //! One face corner: a vertex index, absolute or relative to the `v` lines so far.
 //!
-//! Chunks are parsed before anyone knows how many vertices stand in front of them, so a relative
-//! index is kept relative to its chunk, in the same 32 bits, and resolved afterwards.
+//! Chunks are parsed before the number of vertices in front of them is known. So a relative index
+//! is kept relative to its chunk, in the same 32 bits, and resolved afterwards.
 
 use super::cursor::{Cursor, ends_token};
 
-/// More vertices than this cannot be told apart in a [`Corner`]. A file with as many has 8 GiB.
+/// Most vertices that a [`Corner`] can distinguish. A file with as many has 8 GiB.
 pub(super) const MOST_VERTICES: usize = (BIAS as usize) - 1;
 
 /// Set in a relative corner.
 const RELATIVE: u32 = 1 << 31;
-/// What a relative corner of zero is stored as, so that those before the chunk are positive too.
+/// The stored value of a relative index of 0, so that indices before the chunk are positive too.
 const BIAS: u32 = 1 << 30;
 
 /// A position index that is not resolved yet.
@@ -39,7 +39,7 @@ impl Corner {
 }
 
 /// Reads the next token of the line as a corner: `7`, `7/2`, `7//3`, `7/2/3`, `-1`. Only the
-/// position index matters; what follows the first slash belongs to others and is not looked at.
+/// position index matters; what follows the first slash is not read.
 ///
 /// `vertices` is the number of `v` lines so far in this chunk.
 #[inline]

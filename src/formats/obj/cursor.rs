@@ -1,18 +1,18 @@
 //! Logical lines and tokens.
 //!
-//! A logical line ends at LF, CR LF or CR, unless a backslash stands directly before that end:
-//! then it goes on, as if the two were white space. Within a comment a backslash means nothing,
-//! so an artist's `# C:\scans\` cannot swallow the vertex below it. Bytes are bytes: names may be
-//! Latin-1, and nothing here assumes UTF-8.
+//! A logical line ends at LF, CR LF or CR. If a backslash stands directly before that end, the line
+//! goes on, as if backslash and end were white space. Within a comment a backslash means nothing,
+//! so an artist's `# C:\scans\` cannot swallow the vertex below it. Names may be Latin-1: nothing
+//! here assumes UTF-8.
 
 use memchr::{memchr, memchr2};
 
 /// What the first word of a logical line says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::formats) enum Statement {
-    /// `v`: the cursor stands behind it.
+    /// `v`: the cursor stands after it.
     Vertex,
-    /// `f`: the cursor stands behind it.
+    /// `f`: the cursor stands after it.
     Face,
     /// Anything else: the cursor stands before it.
     Other,
@@ -92,7 +92,7 @@ impl<'a> Cursor<'a> {
         self.text.get(start..self.at).filter(|token| !token.is_empty())
     }
 
-    /// Moves behind the end of the logical line.
+    /// Moves past the end of the logical line.
     pub(in crate::formats) fn skip_line(&mut self) {
         loop {
             let Some(rest) = self.text.get(self.at..) else { return };
@@ -129,10 +129,11 @@ pub(super) fn ends_token(text: &[u8], at: usize) -> bool {
     }
 }
 
-/// The first start of a line at or behind `from` (which is not 0) that is surely the start of a
-/// logical line: the end before it has no backslash in front. The end of the text otherwise.
+/// The first line start at or after `from` that is surely the start of a logical line, because no
+/// backslash stands before the line end in front of it. Otherwise the end of the text. `from` is
+/// not 0.
 pub(super) fn next_boundary(text: &[u8], from: usize) -> usize {
-    // One byte back, so that a line end straddling `from` is seen whole.
+    // One byte back, so that a line end that straddles `from` is read whole.
     let mut at = from.saturating_sub(1);
     while let Some(length) = text.get(at..).and_then(|rest| memchr2(b'\n', b'\r', rest)) {
         let mut end = at + length;

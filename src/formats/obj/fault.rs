@@ -1,4 +1,4 @@
-//! What is wrong with a line, and where: said once, in words that tell the user what to write.
+//! What is wrong with a line, and where, in words that tell the user what to write.
 
 use super::corner::{NoCorner, corner};
 use super::cursor::{Cursor, Statement};
@@ -12,7 +12,7 @@ pub(super) struct Fault {
     pub(super) cause: Cause,
 }
 
-/// Why it cannot.
+/// Why a line cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Cause {
     Malformed(String),
@@ -42,7 +42,7 @@ impl Fault {
         }
     }
 
-    /// A face corner, the cursor behind it, that cannot be read.
+    /// A face corner that cannot be read; the cursor stands after it.
     #[cold]
     pub(super) fn corner(problem: NoCorner, cursor: &Cursor<'_>) -> Self {
         let start = token_start(cursor);
@@ -61,7 +61,7 @@ impl Fault {
 }
 
 /// The first corner that names no vertex, in a chunk that is known to have one. Reads the text
-/// again: where each face stands is not remembered, because it is asked only once per bad file.
+/// again: the positions of faces are not stored, because they are needed only once per bad file.
 pub(super) fn find_unresolved(text: &[u8], start: usize, before: u32, total: u32) -> Option<Fault> {
     let mut cursor = Cursor::new(text, 0);
     let mut vertices = 0;

@@ -1,4 +1,5 @@
-//! Patching: the host's bytes with the coordinates of moved vertices replaced, all else as it was.
+//! Patching: the host's bytes with the coordinates of moved vertices replaced, and nothing else
+//! changed.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -13,10 +14,11 @@ use crate::mesh::stop::STEP;
 /// Vertices that one task writes.
 const BLOCK: usize = 1 << 14;
 
-/// A coordinate never grows by more than this in the meshes seen; a guess for reserving memory.
+/// Bytes that the text of a coordinate grows by, at most, in all meshes observed. Used to reserve
+/// memory.
 const USUAL_GROWTH: usize = 12;
 
-/// Where the coordinates stand: four bytes per vertex. The tokens are found again while writing.
+/// Where the coordinates stand: four bytes per vertex. The tokens are read again while writing.
 #[derive(Debug)]
 pub(in crate::formats) struct Layout {
     /// Byte offset of each vertex's first coordinate.
@@ -35,7 +37,8 @@ pub(in crate::formats) struct Stepped<'a> {
 }
 
 impl Layout {
-    /// `fewest_decimals` is what every coordinate of the host has. `None` once `stop` answers `true`.
+    /// `fewest_decimals` is the number of decimals that every coordinate of the host has at least.
+    /// `None` once `stop` returns `true`.
     pub(super) fn new(
         mesh: &Mesh,
         offsets: Vec<u32>,
@@ -48,13 +51,14 @@ impl Layout {
         Some(Self { offsets, fewest_decimals, diagonal, host_bytes })
     }
 
-    /// With steps of `step` where the host's decimals give coarser ones. 0 is as fine as may be of use.
+    /// The layout with steps of `step` where the host's decimals give coarser ones. 0 means the
+    /// finest steps that are of any use.
     pub(in crate::formats) fn with_step(&self, step: f64) -> Stepped<'_> {
         let precision = Precision::choose(self.fewest_decimals, step, self.diagonal);
         Stepped { layout: self, precision }
     }
 
-    /// Whether steps of `step` are coarser than the finest that can be of use.
+    /// Whether steps of `step` are coarser than the finest that are of any use.
     pub(in crate::formats) fn is_coarse(&self, step: f64) -> bool {
         self.with_step(step).precision != self.with_step(0.0).precision
     }
@@ -65,8 +69,8 @@ impl Layout {
 }
 
 impl Stepped<'_> {
-    /// Replaces every coordinate that is not the host's by what its text will read back as.
-    /// Worth nothing once `stop` answers `true`.
+    /// Replaces every coordinate that differs from the host's by what its text will read back as.
+    /// Meaningless once `stop` returns `true`.
     pub(in crate::formats) fn round(&self, host: &Mesh, positions: &mut [DVec3], stop: Stop<'_>) {
         positions.par_chunks_mut(BLOCK).zip(host.positions().par_chunks(BLOCK)).for_each(
             |(positions, hosts)| {
@@ -91,7 +95,7 @@ impl Stepped<'_> {
     ///
     /// # Errors
     /// [`FormatError::ReadBack`] when `bytes` or `positions` do not belong to this layout, or a
-    /// position is not finite; [`FormatError::Cancelled`] once `stop` answers `true`.
+    /// position is not finite; [`FormatError::Cancelled`] once `stop` returns `true`.
     pub(in crate::formats) fn write(
         &self,
         bytes: &[u8],
@@ -125,8 +129,8 @@ impl Stepped<'_> {
         Ok(Written { bytes: out, more_decimals })
     }
 
-    /// The bytes from the first coordinate of a block's first vertex to that of the next block's;
-    /// the first block starts, and the last one ends, with the file.
+    /// The bytes from the first coordinate of a block's first vertex up to that of the next
+    /// block's. The first block begins with the file, and the last one ends with it.
     fn write_block(
         &self,
         bytes: &[u8],
@@ -160,7 +164,7 @@ impl Stepped<'_> {
                     return Err(foreign_host());
                 }
                 let rounded = self.round_coordinate(host[axis], moved[axis]);
-                // What rounds to the host's value keeps the host's spelling of it.
+                // A coordinate that rounds to the host's value keeps the host's spelling.
                 if rounded.to_bits() == host[axis].to_bits() {
                     continue;
                 }
@@ -177,7 +181,7 @@ impl Stepped<'_> {
     }
 }
 
-/// Digits behind the point of a text in fixed point.
+/// Digits after the point of a text in fixed point.
 fn decimals(text: &[u8]) -> usize {
     text.iter().position(|&byte| byte == b'.').map_or(0, |point| text.len() - point - 1)
 }
@@ -194,8 +198,8 @@ fn read_back(reason: String) -> FormatError {
     FormatError::ReadBack { reason }
 }
 
-/// The diagonal of the bounding box of the surface; loose vertices far away do not coarsen it. `None`
-/// once `stop` answers `true`.
+/// The diagonal of the bounding box of the surface. Loose vertices do not count: far away, they
+/// would make the steps coarser. `None` once `stop` returns `true`.
 fn diagonal(mesh: &Mesh, stop: Stop<'_>) -> Option<f64> {
     let positions = mesh.positions();
     let empty = || (DVec3::INFINITY, DVec3::NEG_INFINITY);

@@ -2,12 +2,12 @@
 //! stand in the bytes.
 //!
 //! Reading order: `cursor` (logical lines and tokens), `number` (one coordinate), `corner` (one
-//! face index), `fault` (what is wrong with a line), `chunk` (a stretch of whole lines), `parse`
-//! (all stretches, in parallel), `precision` (how a moved coordinate is rounded and spelled),
-//! `layout` (patching the bytes).
+//! face index), `fault` (what is wrong with a line), `chunk` (whole lines that are parsed
+//! together), `parse` (all chunks, in parallel), `precision` (how a moved coordinate is rounded and
+//! spelled), `layout` (patching the bytes).
 //!
-//! Nothing here must know about watermarks or other formats, and no file that an OBJ names
-//! (`mtllib`, `call`, `maplib`) is ever opened.
+//! Must not know about watermarks or other formats. Never opens a file that an OBJ names (`mtllib`,
+//! `call`, `maplib`).
 
 mod chunk;
 mod corner;

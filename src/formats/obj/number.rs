@@ -3,7 +3,7 @@
 use super::cursor::{Cursor, ends_token};
 use super::precision::POWERS_OF_TEN;
 
-/// Integers up to here are doubles, all of them.
+/// All integers up to this one are exact as doubles.
 const EXACT: u64 = 1 << 53;
 
 /// A coordinate as it stands in the text.
@@ -11,7 +11,7 @@ const EXACT: u64 = 1 << 53;
 pub(super) struct Coordinate {
     /// The nearest double. May be infinite or NaN.
     pub(super) value: f64,
-    /// Digits behind the point, less the exponent: what a fixed-point spelling of it needs.
+    /// Decimals of its fixed-point spelling: digits after the point, minus the exponent.
     pub(super) decimals: usize,
     /// Where the token starts. It ends at the cursor.
     pub(super) start: usize,
@@ -22,7 +22,7 @@ pub(super) struct Coordinate {
 pub(super) enum NoCoordinate {
     /// The logical line ends.
     Missing,
-    /// A token that is not a number; the cursor stands behind it.
+    /// A token that is not a number; the cursor stands after it.
     Junk {
         /// Where it starts.
         start: usize,
@@ -45,9 +45,9 @@ pub(super) fn coordinate(cursor: &mut Cursor<'_>) -> Result<Coordinate, NoCoordi
     Ok(Coordinate { value, decimals: decimals(token), start })
 }
 
-/// The common case: sign, digits, point, digits; small enough that digits / power of ten is one
-/// division of two exact doubles, which IEEE 754 rounds correctly (Clinger 1990). Worth its own
-/// loop because it yields the decimals too: one pass over the bytes instead of three.
+/// The common case: sign, digits, point, digits, and small enough that digits / power of ten is one
+/// division of two exact doubles, which IEEE 754 rounds correctly (Clinger 1990). This loop also
+/// gives the decimals: one pass over the bytes instead of three.
 #[inline]
 fn plain(text: &[u8], start: usize) -> Option<(f64, usize, usize)> {
     let mut at = start;
@@ -93,7 +93,7 @@ fn is_msvc_non_finite(text: &[u8], end: usize) -> bool {
     [&b"#IND"[..], b"#INF", b"#QNAN", b"#SNAN"].iter().any(|marker| rest.starts_with(marker))
 }
 
-/// Digits behind the point, less the exponent: what a fixed-point spelling of the token needs.
+/// Decimals of the token's fixed-point spelling: digits after the point, minus the exponent.
 fn decimals(token: &[u8]) -> usize {
     let exponent_sign = token.iter().position(|byte| matches!(byte, b'e' | b'E'));
     let (mantissa, exponent) = token.split_at(exponent_sign.unwrap_or(token.len()));

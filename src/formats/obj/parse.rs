@@ -1,8 +1,8 @@
 //! The whole file: cut at line starts, parsed in parallel, joined in order.
 //!
-//! The result, errors included, does not depend on where the cuts fall: of several faults a line
-//! that cannot be read comes first, then a count over its limit, then an index out of range, and
-//! within each kind the first in the file.
+//! The result, errors included, does not depend on where the cuts fall. Of several faults, a line
+//! that cannot be read comes first, then a count over its limit, then an index out of range; within
+//! each kind, the first in the file.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -58,8 +58,9 @@ pub(super) fn parse(
     parsed.map_err(|fault| explain(fault, bytes))
 }
 
-/// Counts over all chunks, so that a hostile file allocates no more than its limits allow, give or
-/// take the chunks under way: once over, the rest is only counted, to name the true number.
+/// Counts over all chunks, so that a hostile file allocates no more than its limits allow, plus the
+/// chunks under way. Once a count is over its limit, the rest is only counted, so that the error
+/// names the true number.
 struct Meter {
     caps: Caps,
     vertices: AtomicUsize,
@@ -84,7 +85,8 @@ impl Meter {
     }
 }
 
-/// Stretches of whole logical lines with their byte offsets, behind the byte order mark if any.
+/// Cuts a file into chunks of whole logical lines, with their byte offsets. The first begins after
+/// the byte order mark, if there is one.
 fn cut(bytes: &[u8], chunk_bytes: usize) -> Vec<(usize, &[u8])> {
     let mut start = if bytes.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
     let mut stretches = Vec::new();
@@ -96,7 +98,7 @@ fn cut(bytes: &[u8], chunk_bytes: usize) -> Vec<(usize, &[u8])> {
     stretches
 }
 
-/// Resolves the corners, now that the vertices before each chunk are known, and puts all into one.
+/// Resolves the corners, now that the vertices before each chunk are known, and joins the chunks.
 fn join(
     chunks: Vec<Chunk>,
     stretches: &[(usize, &[u8])],

@@ -1,29 +1,30 @@
 //! How a moved coordinate is rounded and spelled.
 //!
-//! A marked file should look as if its exporter had written it: each coordinate with as many decimals
-//! as it has in the host, and with more only where the mark needs them. How many it has is told from
-//! its value, so that copies of one vertex stay together however they are spelled: as many as say the
-//! value exactly, and no fewer than every coordinate of the file has. Numerically and as text the rule
-//! is the same, so that what was checked before writing is what will be read.
+//! A marked file should look as if its exporter had written it: each coordinate with as many
+//! decimals as in the host, and with more only where the mark needs them. The number of decimals
+//! follows from the coordinate's value, so that copies of one vertex stay together however they are
+//! spelled. It is the number that represents the value exactly, and not fewer than every coordinate
+//! of the file has. Numbers and text follow the same rule, so that what was checked before writing
+//! is what will be read.
 
 use std::io::Write as _;
 
-/// Ten to the 0 to 22: those that a double holds exactly.
+/// 10^0 to 10^22: the powers of ten that a double holds exactly.
 pub(super) const POWERS_OF_TEN: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
     1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
 ];
 
-/// A step of this part of the bounding-box diagonal is far below what a mark moves (about 1e-4)
-/// and what an eye sees: nothing needs a finer one.
+/// The finest step, a share of the bounding-box diagonal. It is far below what a mark moves (about
+/// 1e-4) and what an eye sees.
 const FINEST_STEP: f64 = 1e-7;
 
 /// More decimals than this say nothing about a double near 1, so they are not imitated.
 const MOST_DECIMALS: usize = 15;
 
-/// Below this many steps, rounding twice is rounding once: dividing and multiplying again is off
-/// by less than `steps * 2^-52`, a quarter of a step here. (Up to 2^53 the text would still be
-/// exact, but rounding a rounded value could move it again.)
+/// Below this many steps, rounding twice is the same as rounding once: dividing and multiplying
+/// again is off by less than `steps * 2^-52`, a quarter of a step here. Up to 2^53 the text would
+/// still be exact, but rounding a rounded value could move it again.
 const MOST_STEPS: f64 = (1_u64 << 50) as f64;
 
 /// Longest fixed-point text without its sign: a zero, the point and 22 decimals. (2^50 steps are
@@ -47,15 +48,15 @@ impl Precision {
         Self { fewest: fewest_of_host.min(MOST_DECIMALS).max(needed.unwrap_or(beyond)) }
     }
 
-    /// How a coordinate that is `host` in the host is spelled when it moves.
+    /// The spelling of a moved coordinate that is `host` in the host.
     pub(super) fn of(self, host: f64) -> Spelling {
         let mut spelling = Spelling { decimals: self.fewest };
         for decimals in self.fewest..=MOST_DECIMALS {
             let longer = Spelling { decimals };
-            // Beyond the reach of fixed point the last that is within it must do.
+            // Where fixed point ends, the last spelling within its reach is used.
             let Some((steps, power)) = longer.steps(host) else { break };
             spelling = longer;
-            // Plus zero: -0 is 0.
+            // Adding zero turns -0 into 0.
             if (steps as f64 / power).to_bits() == (host + 0.0).to_bits() {
                 break;
             }
@@ -64,7 +65,7 @@ impl Precision {
     }
 }
 
-/// A number of decimals.
+/// How a coordinate is spelled: its number of decimals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Spelling {
     decimals: usize,
@@ -82,9 +83,9 @@ impl Spelling {
         }
     }
 
-    /// Appends the text of a finite `x`: exactly the chosen decimals, or for values beyond their
-    /// reach the shortest text that reads back as `x`; never an exponent, which some OBJ readers
-    /// do not know.
+    /// Appends the text of a finite `x` with exactly the chosen decimals. For values beyond the
+    /// reach of fixed point, this is the shortest text that reads back as `x`. There is never an
+    /// exponent, which some OBJ readers do not know.
     pub(super) fn spell(self, x: f64, out: &mut Vec<u8>) {
         match self.steps(x) {
             Some((steps, _)) => spell_fixed(steps, self.decimals, out),
@@ -93,7 +94,8 @@ impl Spelling {
         }
     }
 
-    /// `x` in steps of `10^-decimals`, and how many of them make one.
+    /// `x` in steps of `10^-decimals`, and the number of steps in 1; `None` beyond the reach of
+    /// fixed point.
     fn steps(self, x: f64) -> Option<(i64, f64)> {
         let power = *POWERS_OF_TEN.get(self.decimals)?;
         let steps = (x * power).round();
@@ -170,7 +172,7 @@ mod tests {
     #[test]
     fn decimals_follow_the_mark_and_the_size_of_the_mesh() {
         let table = [
-            // What every coordinate has, the step, the diagonal.
+            // Fewest decimals of the host, step, diagonal, and the decimals that are chosen.
             (6, 0.0, 0.25, 8),
             (6, 0.0, 1.0, 7),
             (6, 0.0, 10.0, 6),
@@ -205,7 +207,7 @@ mod tests {
             (6, 0.1, 6),
             (0, 7.0, 0),
             (0, -0.0, 0),
-            // More than is imitated, more than fixed point reaches, more than either.
+            // More decimals than are imitated, more than fixed point reaches, more than either.
             (4, 0.123_456_789_012_345_67, MOST_DECIMALS),
             (4, 12_345.678_901_234_567, 10),
             (4, 1.0e15, 4),
@@ -247,7 +249,7 @@ mod tests {
             }
         }
 
-        /// A coordinate that was written with so many decimals gets no more, unless the mark needs them.
+        /// A coordinate gets no more decimals than it was written with, unless the mark needs them.
         #[test]
         fn no_more_decimals_than_the_host_s(
             digits in -999_999_999_999_i64..999_999_999_999,

@@ -1,5 +1,5 @@
-//! Properties of reading and patching over texts from a generator that writes OBJ the way no one
-//! exporter does, but some exporter each.
+//! Properties of reading and patching, on generated OBJ texts. No exporter writes such a text, but
+//! some exporter writes each of its parts.
 
 use glam::DVec3;
 use proptest::prelude::*;
@@ -123,8 +123,8 @@ fn bits(positions: &[DVec3]) -> Vec<[u64; 3]> {
     positions.iter().map(|position| position.to_array().map(f64::to_bits)).collect()
 }
 
-/// The text with the first three words of each `v` line blanked out, and those words, by a reader that has nothing
-/// in common with the one under test: continuations are found by string replacement.
+/// The text with the first three words of each `v` line blanked out, and those words. This reader
+/// has nothing in common with the one under test: it finds continuations by string replacement.
 fn taken_apart(text: &str) -> (String, Vec<String>) {
     let (mut out, mut coordinates) = (String::new(), Vec::new());
     let mut rest = text.trim_start_matches('\u{feff}');
@@ -168,7 +168,7 @@ fn taken_apart(text: &str) -> (String, Vec<String>) {
     (out, coordinates)
 }
 
-/// Digits behind the point, less the exponent.
+/// Digits after the point, minus the exponent.
 fn decimals(word: &str) -> usize {
     let (mantissa, exponent) = word.split_once(['e', 'E']).unwrap_or((word, "0"));
     let digits = mantissa.split_once('.').map_or(0, |(_, digits)| digits.len());
@@ -223,7 +223,8 @@ proptest! {
         for (before, after) in before.iter().zip(&after).filter(|(before, after)| before != after) {
             let (host, marked) = (decimals(before), decimals(after));
             more += u64::from(marked > host);
-            // As many as there, or as the step needs; one more where 2^50 steps do not reach.
+            // As many decimals as in the host, or as the step needs; one more where 2^50 steps do
+            // not reach.
             let beyond = usize::from(marked > 10 || after.len() > 15);
             // Steps are no finer than 1e-7 of the diagonal, which is below 1e7 here or irrelevant.
             prop_assert!(marked <= host.max(digits) + beyond || digits == 11, "{before} {after}");

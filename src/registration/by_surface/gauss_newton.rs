@@ -1,5 +1,5 @@
-//! One step of least squares towards the similarity under which distances along given directions
-//! vanish: the common core of point-to-plane alignment and of the last refinement of vertex correspondences.
+//! One least-squares step towards the similarity under which distances along given directions
+//! vanish. Point-to-plane alignment and the last refinement of vertex correspondences share it.
 
 use glam::{DQuat, DVec3};
 
@@ -8,8 +8,8 @@ use crate::registration::similarity::Similarity;
 
 /// Normal equations of a small similarity of the host: rotation, logarithm of the scale, shift.
 ///
-/// It is the host that is moved under the suspect's points, and the outcome turned around: the
-/// noise is in the suspect, and in the matrix it would pull the scale towards zero.
+/// The equations move the host under the suspect's points, and the result is inverted. The noise is
+/// in the suspect: in the matrix, it would pull the scale towards zero.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Equations {
     matrix: [[f64; 7]; 7],
@@ -17,8 +17,9 @@ pub struct Equations {
 }
 
 impl Equations {
-    /// Asks that `host`, a point of the host, and `suspect`, where the suspect's point is placed
-    /// now, be alike along `direction`; `weight` is the inverse of the expected squared error.
+    /// Adds the condition that two points agree along `direction`: `host`, a point of the host, and
+    /// `suspect`, the current position of the suspect's point. `weight` is the inverse of the
+    /// expected squared error.
     pub fn add(&mut self, host: DVec3, suspect: DVec3, direction: DVec3, weight: f64) {
         let turn = host.cross(direction);
         let stretch = direction.dot(host);
@@ -27,14 +28,14 @@ impl Equations {
         for (i, &x) in row.iter().enumerate() {
             let wx = weight * x;
             self.right[i] += wx * residual;
-            // Both halves are filled; the compiler makes vectors of whole rows.
+            // Both halves of the matrix are filled: the compiler vectorises whole rows.
             for (entry, &y) in self.matrix[i].iter_mut().zip(&row) {
                 *entry += wx * y;
             }
         }
     }
 
-    /// The sum of two.
+    /// The sum of two sets of equations.
     #[must_use]
     pub fn and(mut self, other: Self) -> Self {
         for i in 0..7 {
@@ -46,8 +47,9 @@ impl Equations {
         self
     }
 
-    /// The better similarity after `now`, with the same sign of scale; the scale is held where
-    /// `scaled` is false. `None` where the directions leave it open.
+    /// The similarity one step after `now`, with the same sign of scale. The scale is held where
+    /// `scaled` is false. `None` where the directions do not determine the step, or it is too
+    /// large.
     #[must_use]
     pub fn improved(mut self, now: &Similarity, scaled: bool) -> Option<Similarity> {
         if !scaled {
@@ -59,7 +61,7 @@ impl Equations {
             self.right[3] = 0.0;
         }
         let [x, y, z, stretch, i, j, k] = solve(self.matrix, self.right)?;
-        // A step so large is none towards anything.
+        // A step so large leads nowhere.
         if stretch.abs() > 0.5 || DVec3::new(x, y, z).length() > 1.0 {
             return None;
         }
@@ -72,7 +74,7 @@ impl Equations {
     }
 }
 
-/// The turn about an axis by as many radians as it is long.
+/// The rotation about `axis`, by an angle in radians that is its length.
 fn turn_by(axis: DVec3) -> DQuat {
     let angle = axis.length();
     if angle <= 0.0 {

@@ -3,8 +3,9 @@
 //! al. 2010 for the scale; Chetverikov et al. 2005 for the trimming).
 //!
 //! For suspects whose vertices are no longer the host's. Each round places points of the suspect,
-//! drops those too far from the host or on a surface that faces elsewhere (what was added, or what
-//! the hypothesis has wrong), and takes one Newton step.
+//! drops those that are too far from the host or on a surface that faces elsewhere, and takes one
+//! Newton step. The dropped points are additions to the host, or points that the hypothesis places
+//! wrongly.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -22,10 +23,10 @@ use crate::registration::similarity::Similarity;
 /// Points whose normals differ by more than 60 degrees do not lie on the same surface.
 const SAME_SIDE: f64 = 0.5;
 
-/// Newton steps that move no point of the unit box by more than this have arrived.
+/// The alignment has converged when a Newton step moves no point of the unit box by more than this.
 const ARRIVED: f64 = 3e-7;
 
-/// A host's surface, to be searched for its closest points: all of it.
+/// All triangles of a host's surface, searchable for closest points.
 pub struct IcpTarget {
     normals: Vec<DVec3>,
     tree: SearchTree,
@@ -42,19 +43,19 @@ pub struct Fit {
     pub rms: f64,
 }
 
-/// A suspect's point on the host.
+/// A point of the suspect that lies on the host.
 #[derive(Debug, Clone, Copy)]
 pub struct Touch {
-    /// Where the similarity puts it.
+    /// Where the similarity puts the suspect's point.
     pub placed: DVec3,
-    /// The closest place of the host.
+    /// The closest point of the host.
     pub closest: DVec3,
     /// The host's normal there.
     pub normal: DVec3,
 }
 
-/// Whether a suspect's point faces as the host does where it has this normal. A mirror image has its
-/// triangles the other way around, or has had them turned over.
+/// Whether a suspect's point faces the same way as the host's `normal`. For a mirror image, the
+/// opposite way counts too: its triangles may have been flipped or not.
 #[must_use]
 pub fn same_side(s: &Similarity, point: &Point, normal: DVec3) -> bool {
     let along = (s.rotation * point.normal).dot(normal);
@@ -62,8 +63,8 @@ pub fn same_side(s: &Similarity, point: &Point, normal: DVec3) -> bool {
 }
 
 impl IcpTarget {
-    /// Builds the search trees: about a second per million triangles. `None` if the surface cannot
-    /// be searched, and once `stop` answers `true`.
+    /// Builds the search tree: takes about a second per million triangles. `None` if the surface
+    /// cannot be searched, and once `stop` returns `true`.
     #[must_use]
     pub fn new(host: &Shape, stop: Stop<'_>) -> Option<Self> {
         let at = |v: u32| host.positions[v as usize];
@@ -72,14 +73,14 @@ impl IcpTarget {
             doubled_area(a, b, c).normalize_or_zero()
         };
         let normals = mapped(&host.triangles, stop, normal)?;
-        // The box of a shape lies about the origin, and its diagonal is 1.
+        // The box of a shape is centred at the origin, and its diagonal is 1.
         let bounds = (DVec3::splat(-0.5), 1.0);
         let (points, triangles) = (host.positions.clone(), host.triangles.clone());
         Some(Self { normals, tree: SearchTree::new(points, triangles, bounds, stop)? })
     }
 
-    /// The triangle that is closest to `p` and its closest place, if it is within `reach`; adds what
-    /// the search took to `tests`.
+    /// The triangle that is closest to `p` and its closest point, if that is within `reach`. Adds
+    /// the tests of the search to `tests`.
     #[must_use]
     pub fn closest(&self, p: DVec3, reach: f64, tests: &mut u64) -> Option<(usize, DVec3)> {
         self.tree.closest(p, reach, tests)
@@ -96,13 +97,13 @@ impl Ground for IcpTarget {
     }
 }
 
-/// What a suspect is aligned to.
+/// A host's surface that a suspect is aligned to.
 pub trait Ground: Sync {
-    /// The closest place of the host, if it is within `reach` and faces the same way; adds what the
-    /// search took to `tests`.
+    /// The closest point of the host, if it is within `reach` and faces the same way. Adds the
+    /// tests of the search to `tests`.
     fn touch(&self, s: &Similarity, point: &Point, reach: f64, tests: &mut u64) -> Option<Touch>;
 
-    /// The touches of all points that touch.
+    /// The touches of all points that lie on the host.
     fn touches(
         &self,
         s: &Similarity,
@@ -139,8 +140,8 @@ pub trait Ground: Sync {
         }
     }
 
-    /// Newton steps from `start`, with a reach that shrinks from `reaches.start` to `reaches.end`
-    /// (shares of the host's diagonal) over at most so many `rounds`.
+    /// Takes at most `rounds` Newton steps from `start`. The reach shrinks from `reaches.start` to
+    /// `reaches.end`, both shares of the host's diagonal.
     fn align(
         &self,
         start: &Similarity,
@@ -154,7 +155,8 @@ pub trait Ground: Sync {
         let mut reach = reaches.start;
         for _ in 0..rounds {
             let touches = self.touches(&now, points, reach, within);
-            // Scale is held until the pose is about right: too few touching points pull it to zero.
+            // The scale is held until the pose is about right: too few touching points pull it to
+            // zero.
             let scaled = touches.len() * 4 > points.len();
             let cut = robust_cut(&touches, reach);
             let equations = touches.iter().fold(Equations::default(), |mut equations, t| {

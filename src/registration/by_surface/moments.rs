@@ -1,4 +1,5 @@
-//! Rough similarities for a suspect that is a whole: centre on centre, main axes on main axes.
+//! Rough similarities for a suspect that is a whole: centre on centre, principal axes on principal
+//! axes.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -6,20 +7,21 @@ use super::samples::Point;
 use crate::mesh::linear::eigen;
 use crate::registration::similarity::Similarity;
 
-/// Centre, size and main axes of points.
+/// Centre, size and principal axes of points.
 struct Moments {
     centre: DVec3,
     size: f64,
     axes: DMat3,
-    /// Descending, as the axes.
+    /// The moments, descending, in the order of the axes.
     values: [f64; 3],
 }
 
-/// Moments closer than this ratio do not say how their axes lie in their plane.
+/// Two moments are alike from this ratio on. The directions of their axes within their plane are
+/// then arbitrary.
 const ALIKE: f64 = 0.85;
 
-/// Turns about the odd axis of a suspect with two moments alike: 5 degrees apart, half of a tooth of a
-/// gear of 36.
+/// Rotations about the odd axis where two moments are alike: steps of 5 degrees, half of a tooth of
+/// a gear of 36.
 const AROUND: u32 = 72;
 
 fn moments(points: &[Point]) -> Option<Moments> {
@@ -42,9 +44,10 @@ fn moments(points: &[Point]) -> Option<Moments> {
     (size.is_normal() && axes.is_finite()).then_some(Moments { centre, size, axes, values })
 }
 
-/// The similarities that bring the moments of `suspect` onto those of `host`: the 24 turns that
-/// take axes to axes, since where two moments are alike their order means nothing; those that keep
-/// the order come first. Where two moments are alike also turns about the axis of the third.
+/// The similarities that bring the moments of `suspect` onto those of `host`. First the 24
+/// rotations that take axes to axes, beginning with those that keep the order of the axes: where
+/// two moments are alike, their order means nothing. Then, where two moments are alike, rotations
+/// about the third axis.
 #[must_use]
 pub fn by_moments(host: &[Point], suspect: &[Point], mirrored: bool) -> Vec<Similarity> {
     let (Some(h), Some(s)) = (moments(host), moments(suspect)) else { return Vec::new() };
@@ -59,7 +62,8 @@ pub fn by_moments(host: &[Point], suspect: &[Point], mirrored: bool) -> Vec<Simi
 }
 
 impl Moments {
-    /// The axis whose moment is unlike two that are alike; none where no two are, or all.
+    /// The axis of the one moment that differs where two are alike; `None` where no two are alike,
+    /// or all are.
     fn odd_axis(&self) -> Option<usize> {
         let [most, middle, least] = self.values;
         match (middle >= ALIKE * most, least >= ALIKE * middle) {
@@ -70,11 +74,11 @@ impl Moments {
     }
 }
 
-/// Turns about an axis of a box, as it is and upside down.
+/// Rotations about an axis of a box, upright and upside down.
 fn around(axis: usize) -> Vec<DMat3> {
     let [x, y, z] = [0, 1, 2].map(|k| DMat3::IDENTITY.col((axis + k) % 3));
     let step = std::f64::consts::TAU / f64::from(AROUND);
-    // To the columns of the identity in this order, and back.
+    // A change of basis to the axes in this order, and back.
     let (to, back) = (DMat3::from_cols(x, y, z), DMat3::from_cols(x, y, z).transpose());
     let turned = |k: u32, over: f64| {
         let (sine, cosine) = libm::sincos(f64::from(k) * step);
@@ -120,7 +124,7 @@ mod tests {
             let moved = |p: &Point| Point { position: place.apply(p.position), ..*p };
             let suspect: Vec<Point> = host.iter().map(moved).collect();
             let found = by_moments(&host, &suspect, scale < 0.0);
-            // Two of its moments are nearly alike.
+            // Two moments of the blob are nearly alike.
             assert_eq!(found.len(), 24 + 2 * 68);
             let error = |s: &Similarity| s.apply(place.apply(DVec3::ONE)).distance(DVec3::ONE);
             assert_eq!(found.iter().filter(|s| error(s) < 1e-9).count(), 1);

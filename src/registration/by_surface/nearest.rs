@@ -9,12 +9,13 @@ use crate::registration::by_vertices::one_rings::NONE;
 use crate::registration::shape::Shape;
 use crate::registration::similarity::Similarity;
 
-/// Vertices farther apart than this share of the shortest edge between the host's vertex and the
-/// corners beside it may be anyone's.
+/// Largest distance of a pair, a share of the shortest edge between the host's vertex and the other
+/// corners of its triangle. A vertex farther away may correspond to any of them.
 const OWN: f64 = 0.5;
 
-/// Pairs (suspect's carrier, host's carrier) that are nearest to each other among those that meet,
-/// ascending by the first; none farther apart than `reach`.
+/// Pairs of carrier vertices, the suspect's and the host's, that are nearest to each other when `s`
+/// places the suspect. Ascending by the suspect's vertex, and none farther apart than `reach`.
+/// Empty when stopped.
 #[must_use]
 pub fn mutual(
     host: &Shape,

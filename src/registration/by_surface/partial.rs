@@ -1,9 +1,10 @@
-//! Rough similarities for a suspect that is a part and was tessellated anew: places that look alike,
-//! two by two.
+//! Rough similarities for a suspect that is a part and was tessellated anew, from pairs of key
+//! points that look alike.
 //!
-//! Two points with their normals on either side fix a similarity and say at once whether they can
-//! be the same two (their distance fits the ratio of the radii at which they look alike, and the
-//! normals lean alike), so that all twos can be tried instead of random ones.
+//! A key point is a surface point with its normal and its spin images. Two matches of key points
+//! fix a similarity. They also show at once whether they can both be right: the distance between
+//! the points must fit the ratio of the radii at which they look alike, and the normals must form
+//! like angles. Therefore all pairs of matches can be tried instead of random ones.
 
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -14,48 +15,53 @@ use crate::mesh::powers::squared;
 use crate::registration::budget::Stop;
 use crate::registration::similarity::Similarity;
 
-/// Places of the host and of the suspect that are compared.
+/// Key points of the host and of the suspect that are compared.
 const HOST_KEYS: usize = 1000;
 const SUSPECT_KEYS: usize = 220;
 
-/// Points that places look at.
+/// Points of the surface that spin images are made from.
 const SEEN: usize = 6000;
 
-/// Radii of the suspect, shares of its diagonal, descending.
+/// Radii of the suspect's spin images, shares of its diagonal, descending.
 const SUSPECT_RADII: [f64; 2] = [0.21, 0.13];
 
-/// Radii of the host, shares of its diagonal: the least, the ratio and their number. Images still
-/// match when the radii differ by half a step. Scales from 0.15 to 2 are covered.
+/// Radii of the host's spin images, shares of its diagonal: the least, the ratio between
+/// neighbours, and their number. Images still match when the radii differ by half a step. Scales
+/// from 0.15 to 2 are covered.
 const LEAST_RADIUS: f64 = 0.03;
 const LADDER: f64 = 1.19;
 const RADII: i32 = 13;
 
-/// How far the scale of two points may be off that of their radii, and the cosines between
-/// normals and the line between the points off each other.
+/// How far the scale of two matches may differ from that of their radii, as a ratio, and how far
+/// the cosines may differ between suspect and host: the cosines between normals, and between
+/// normals and the line between the points.
 const SCALE_OFF: f64 = 0.15;
 const COSINE_OFF: f64 = 0.25;
 
-/// Points closer together than this share of the suspect's diagonal fix no rotation.
+/// Least distance of two key points, a share of the suspect's diagonal. Closer ones fix no
+/// rotation.
 const LEAST_APART: f64 = 0.15;
 
-/// Places of the suspect that say most, per pair of radii: half of them. (With all,
-/// 55 instead of 50 of 70 fragments of 5 %, simplified by 75 %, were found, in twice the time.)
+/// Best matches that are used per pair of radii: half of the suspect's key points. (With all, 55
+/// instead of 50 of 70 fragments of 5 %, simplified by 75 %, were found, in twice the time.)
 const TELLING: usize = 110;
 
 /// Hypotheses that are kept per pair of radii.
 const KEPT: usize = 4;
 
-/// Tests that take as long as all this for a host that is seen for the first time: 0.12 s.
+/// Tests that a search for a part is charged: they take as long as it does on a host without spin
+/// images yet, 0.12 s.
 pub const PRICE: u64 = 8_000_000;
 
-/// A host's places, as they look at all radii; made once per host.
+/// A host's key points with spin images at all radii; made once per host.
 pub struct HostPlaces(Vec<Vec<Spin>>);
 
-/// A suspect's places, as they look at few radii; made once per suspect.
+/// A suspect's key points with spin images at few radii; made once per suspect.
 pub struct SuspectPlaces(Vec<Vec<Spin>>);
 
 impl HostPlaces {
-    /// Looks around on points spread evenly; `None` once `stop` answers `true`.
+    /// Makes the spin images of a host from points spread evenly; `None` once `stop` returns
+    /// `true`.
     #[must_use]
     pub fn new(points: &[Point], stop: Stop) -> Option<Self> {
         let radii: Vec<f64> = (0..RADII).rev().map(host_radius).collect();
@@ -65,7 +71,7 @@ impl HostPlaces {
 }
 
 impl SuspectPlaces {
-    /// The same.
+    /// Makes the spin images of a suspect, as [`HostPlaces::new`] does of a host.
     #[must_use]
     pub fn new(points: &[Point], stop: Stop) -> Option<Self> {
         let seen = spins(&keys(points, SUSPECT_KEYS), &keys(points, SEEN), &SUSPECT_RADII, stop);
@@ -77,7 +83,7 @@ fn host_radius(step: i32) -> f64 {
     LEAST_RADIUS * (0..step).fold(1.0, |power, _| power * LADDER)
 }
 
-/// Two places that look alike: a point and a normal of the suspect and of the host.
+/// A match of two key points that look alike: point and normal of the suspect's, and of the host's.
 struct Alike {
     from: [DVec3; 2],
     to: [DVec3; 2],
@@ -102,7 +108,7 @@ pub fn by_parts(host: &HostPlaces, suspect: &SuspectPlaces, stop: Stop) -> Vec<S
     found.into_iter().rev().flatten().collect()
 }
 
-/// The host's place that looks most alike, per place of the suspect; the more alike first.
+/// Per key point of the suspect the most similar one of the host, the most similar matches first.
 fn alike(suspect: &[Spin], host: &[Spin]) -> Vec<Alike> {
     let most = |s: &Spin| {
         let (likeness, h) =
@@ -115,7 +121,7 @@ fn alike(suspect: &[Spin], host: &[Spin]) -> Vec<Alike> {
     all
 }
 
-/// The hypotheses that most places agree with.
+/// The hypotheses that most matches agree with.
 fn best(suspect: &[Spin], host: &[Spin], scale: f64, radius: f64, stop: Stop) -> Vec<Similarity> {
     let alike = alike(suspect, host);
     let tolerance = squared((0.2 * radius).max(0.03));
@@ -144,7 +150,7 @@ fn best(suspect: &[Spin], host: &[Spin], scale: f64, radius: f64, stop: Stop) ->
     kept
 }
 
-/// The similarity that two pairs fix, if they can be right.
+/// The similarity that two matches fix; `None` where they cannot both be right.
 fn two(a: &Alike, b: &Alike, scale: f64) -> Option<Similarity> {
     let (from, to) = (b.from[0] - a.from[0], b.to[0] - a.to[0]);
     let apart = from.length();

@@ -6,7 +6,7 @@ use crate::mesh::stop::{STEP, Stop, go_on, unstopped};
 use crate::mesh::surface::doubled_area;
 use crate::registration::shape::Shape;
 
-/// Steps of the plane's low-discrepancy sequence (R2; the plastic number).
+/// Steps of the low-discrepancy sequence R2 of the plane, from the plastic number.
 const PLASTIC: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
 
 /// A point of the surface and the unit normal of the triangle that it lies in.
@@ -18,13 +18,13 @@ pub struct Point {
     pub normal: DVec3,
 }
 
-/// `count` points (one more or less) at equal steps of area, in the order of the triangles.
+/// `count` points, one more or less, at equal steps of area in the order of the triangles.
 #[must_use]
 pub fn scatter(shape: &Shape, count: usize) -> Vec<Point> {
     unstopped(|stop| scatter_until(shape, count, stop))
 }
 
-/// The same; `None` once `stop` answers `true`.
+/// Like [`scatter`]; `None` once `stop` returns `true`.
 #[must_use]
 pub fn scatter_until(shape: &Shape, count: usize, stop: Stop<'_>) -> Option<Vec<Point>> {
     let corners = |t: &[u32; 3]| t.map(|v| shape.positions[v as usize]);

@@ -1,8 +1,8 @@
-//! Spin images (Johnson and Hebert 1999) over a series of radii: what the surface within a radius
-//! looks like from a point on it, whatever the triangles.
+//! Spin images (Johnson and Hebert 1999) at a series of radii. A spin image describes the surface
+//! within a radius around a point on it, whatever the triangles.
 //!
-//! How large a fragment is within its host is unknown, so the host is described at many radii and
-//! the suspect at few: those that look alike tell the scale.
+//! The size of a fragment relative to its host is unknown. So the host is described at many radii
+//! and the suspect at few, and the radii at which images are alike give the scale.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -17,10 +17,10 @@ const ALONG: usize = 8;
 /// Entries of a spin image: a multiple of eight.
 const BINS: usize = ACROSS * ALONG;
 
-/// Fewer points within the radius say nothing.
+/// Least number of points within the radius: fewer say nothing.
 const LEAST_POINTS: f32 = 8.0;
 
-/// A point, its normal averaged over half of the radius, and what it sees.
+/// A point, its normal averaged over half of the radius, and its spin image.
 #[derive(Debug, Clone, Copy)]
 pub struct Spin {
     /// Where it is.
@@ -31,10 +31,10 @@ pub struct Spin {
 }
 
 impl Spin {
-    /// How alike two images are: 1 at best (Bhattacharyya's coefficient).
+    /// The similarity of two images: 1 at best (Bhattacharyya's coefficient).
     #[must_use]
     pub fn likeness(&self, other: &Self) -> f32 {
-        // Eight sums side by side, which one instruction adds to.
+        // Eight sums side by side: one instruction adds to all of them.
         let (a, b) = (self.image.as_chunks::<8>().0, other.image.as_chunks::<8>().0);
         let mut sums = [0.0_f32; 8];
         for (a, b) in a.iter().zip(b) {
@@ -46,8 +46,8 @@ impl Spin {
     }
 }
 
-/// What each of `keys` sees of `points`, per radius; keys that see too little are left out. `radii`
-/// descend: what is beyond one is beyond those after it, and is looked at no more.
+/// Per radius, the spin images of `keys` made from `points`. Keys with too few points around them
+/// are left out. `radii` descend, so a point beyond one radius is dropped for those after it.
 #[must_use]
 pub fn spins(keys: &[Point], points: &[Point], radii: &[f64], stop: Stop) -> Vec<Vec<Spin>> {
     let widest = radii.first().copied().unwrap_or(0.0);
@@ -72,7 +72,7 @@ pub fn spins(keys: &[Point], points: &[Point], radii: &[f64], stop: Stop) -> Vec
     (0..radii.len()).map(at).collect()
 }
 
-/// A point as seen from another.
+/// A point relative to a key point.
 struct Neighbour {
     from: DVec3,
     normal: DVec3,

@@ -1,5 +1,6 @@
-//! A suspect onto its host by the surface alone, whatever the triangles: guesses, judged and aligned
-//! on the host's surfels, and the few that stand the test on all of its triangles.
+//! Aligns a suspect with its host by the surface alone, whatever the triangles. Hypotheses are
+//! judged and aligned on the host's surfels. The few that pass are aligned on all of the host's
+//! triangles.
 
 use std::borrow::Cow;
 
@@ -12,37 +13,39 @@ use crate::registration::budget::Within;
 use crate::registration::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
 use crate::registration::similarity::Similarity;
 
-/// Points of the suspect that judge hypotheses, and those that the final alignment goes by.
+/// Points of the suspect that judge hypotheses, and points of the final alignment.
 const JUDGES: usize = 300;
 const REFINED: usize = 20_000;
 
-/// Distance at which a hypothesis' point counts as on the host, a share of the diagonal; the same
-/// once it is aligned.
+/// Distance within which a point counts as on the host, a share of the diagonal: before the
+/// alignment, and after it.
 pub(super) const ROUGH: f64 = 0.08;
 pub(super) const FINE: f64 = 0.01;
 
-/// Hypotheses that are aligned, and that are returned.
+/// Hypotheses that are aligned, and alignments that are returned, at most.
 const ALIGNED_HYPOTHESES: usize = 12;
 const RETURNED: usize = 3;
 
-/// A whole that lies on its host like this need not be searched for as a part.
+/// A whole suspect with this overlap is not searched for as a part.
 const WHOLE: f64 = 0.95;
 
-/// Overlap from which an alignment is worth telling; and what it may seem less by rough measure.
+/// Least overlap of an alignment that is reported, and the share of it that suffices in a rough
+/// measurement.
 const LEAST_OVERLAP: f64 = 0.5;
 const ROUGHLY: f64 = 0.7;
 
-/// An alignment whose distances are so many times those of a better one is not another way to see
-/// it; nor is one of such a share of its overlap. Distances below the last say nothing here.
+/// An alignment is dropped if its RMS distance is over `LOOSER` times that of the best one, or its
+/// overlap under `LESS` times that of the best one. The RMS distance of the best one counts as at
+/// least `TIGHT`.
 const LOOSER: f64 = 3.0;
 const LESS: f64 = 0.7;
 const TIGHT: f64 = 2e-3;
 
-/// Carriers that a part has at least: fewer fit anywhere.
+/// Fewest carrier vertices of a part: with fewer, it fits anywhere.
 const LEAST_PART: usize = 64;
 
-/// A part that lies on its host less closely than this is an accident: right ones are at 0.0005, those on
-/// other hosts at 0.002 to 0.005.
+/// Largest RMS distance of a part; a looser fit is an accident. Right alignments are at 0.0005,
+/// those on other hosts at 0.002 to 0.005.
 const LOOSEST_PART: f64 = 1.5e-3;
 
 /// Rounds of an alignment by few points, by more, and by the most.
@@ -50,16 +53,16 @@ const FEW_ROUNDS: u32 = 12;
 const MORE_ROUNDS: u32 = 15;
 const LAST_ROUNDS: u32 = 8;
 
-/// Points that tell what a search costs on a host's triangles, and the least that an alignment can
-/// go by.
+/// Points that measure what a search on the host's triangles costs, and the fewest points of an
+/// alignment on them.
 const PROBES: usize = 60;
 const LEAST_POINTS: usize = 200;
 
-/// Surfels stand for the surface as long as no reach is smaller than this.
+/// Smallest reach for which surfels stand for the surface.
 const SURFELS_REACH: f64 = 0.006;
 
-/// The alignment of a suspect that kept its host's coordinates, refined. `None` if it does not lie on the
-/// host, or was stopped.
+/// The refined alignment of a suspect that kept its host's coordinates. `None` if the suspect does
+/// not lie on the host, or once `within.stop` returns `true`.
 #[must_use]
 pub fn in_place(
     host: &PreparedHost,
@@ -77,12 +80,13 @@ pub fn in_place(
         return None;
     }
     let points = scatter_until(&suspect.shape, REFINED, within.stop)?;
-    // Half: what moved has its own to come.
+    // Half of what is left: the other half is for a suspect that moved.
     let found = finish(host, suspect, target, &found, &points, within.budget.share(2), within);
     (!(within.stop)()).then_some(Alignment { basis: Basis::InPlace, ..found })
 }
 
-/// Which share of the suspect's surface is where the host's is, roughly; `None` when stopped.
+/// The rough share of the suspect's surface that lies on the host's, from 0 to 1; `None` when
+/// stopped.
 pub(in crate::registration) fn share_near(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
@@ -93,8 +97,8 @@ pub(in crate::registration) fn share_near(
     Some(host.discs(within.stop)?.judge(&start, &suspect.points, FINE, within).overlap)
 }
 
-/// The alignments by the surface alone, best first, without those that are about a `known` one;
-/// none when stopped.
+/// The alignments by the surface alone, best first, without those that are nearly a `known` one;
+/// empty when stopped.
 #[must_use]
 pub fn by_surface(
     host: &PreparedHost,
@@ -135,12 +139,12 @@ pub fn by_surface(
     let Some(points) = scatter_until(&suspect.shape, REFINED, within.stop) else {
         return Vec::new();
     };
-    // Half of what is left for each, the best first.
+    // Each alignment may spend half of what is left, the best one first.
     let last = fits.iter().take(RETURNED).take_while(|_| !(within.stop)());
     let found =
         last.map(|fit| finish(host, suspect, target, fit, &points, within.budget.share(2), within));
     let found = found.filter(|alignment| alignment.overlap > LEAST_OVERLAP).collect();
-    // What was cut short is worth nothing.
+    // An alignment that was cut short is not valid.
     if (within.stop)() { Vec::new() } else { found }
 }
 
@@ -154,7 +158,7 @@ fn to_files(host: &PreparedHost, suspect: &PreparedSuspect, fit: &Fit) -> Alignm
     }
 }
 
-/// Drops what the best shows to be an accident.
+/// Drops fits that are accidents in comparison with the best one.
 fn likely(fits: &mut Vec<Fit>) {
     if let Some(&best) = fits.first() {
         let loosest = LOOSER * best.rms.max(TIGHT);
@@ -162,8 +166,8 @@ fn likely(fits: &mut Vec<Fit>) {
     }
 }
 
-/// Judges guesses by few points, aligns the better ones by more, and returns those that lie on the
-/// host, best first.
+/// Judges hypotheses by few points, aligns the better ones by more, and returns those that lie on
+/// the host, best first.
 fn aligned(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
@@ -172,7 +176,7 @@ fn aligned(
 ) -> Vec<Fit> {
     let Some(discs) = host.discs(within.stop) else { return Vec::new() };
     let judges = suspect.some(JUDGES);
-    // The reach of a small part must not span all of it.
+    // The reach must not span all of a small part.
     let reach = |s: &Similarity| ROUGH * s.scale.abs().clamp(0.2, 1.0);
     let mut judged: Vec<Fit> = guesses
         .iter()
@@ -194,7 +198,7 @@ fn aligned(
         let similarity = ground.align(&fit.similarity, &points, reach..end, rounds, within);
         ground.judge(&similarity, &points, end, within)
     };
-    // Half of what is left for either stage before the last.
+    // Each of the two stages here may spend half of what is left.
     let each = within.budget.share(2 * ALIGNED_HYPOTHESES);
     let mut fits: Vec<Fit> = judged
         .iter()
@@ -217,8 +221,8 @@ fn aligned(
     fits
 }
 
-/// More overlap first; of equal overlaps the closer. Distances count relative to the suspect's
-/// size: a tiny one would lie on any surface.
+/// Sorts by overlap times closeness, the best first. Distances count relative to the suspect's
+/// size, because a tiny suspect lies close to any surface.
 fn best_first(fits: &mut [Fit]) {
     let merit = |fit: &Fit| {
         let scale = fit.similarity.scale.abs().clamp(0.01, 1.0);
@@ -227,7 +231,7 @@ fn best_first(fits: &mut [Fit]) {
     fits.sort_by(|a, b| merit(b).total_cmp(&merit(a)));
 }
 
-/// Drops those that say what a better one says.
+/// Drops fits that are nearly equal to a better one.
 fn distinct(fits: &mut Vec<Fit>) {
     let mut kept: Vec<Fit> = Vec::new();
     for fit in fits.iter() {
@@ -239,7 +243,7 @@ fn distinct(fits: &mut Vec<Fit>) {
     *fits = kept;
 }
 
-/// Tests that a search on the host's triangles takes about, at least 1.
+/// About how many tests a search on the host's triangles takes; at least 1.
 fn cost_of_a_search(
     target: &IcpTarget,
     s: &Similarity,
@@ -258,7 +262,7 @@ fn thinned(points: &[Point], most: usize) -> Vec<Point> {
     points.iter().step_by(points.len().div_ceil(most.max(1)).max(1)).copied().collect()
 }
 
-/// All points, or as many as can be afforded; none where those are too few to go by.
+/// All points, or `count` of them; `None` where those are too few for an alignment.
 fn affordable(points: &[Point], count: u64) -> Option<Cow<'_, [Point]>> {
     let count = usize::try_from(count).unwrap_or(usize::MAX);
     if count >= points.len() {
@@ -267,12 +271,13 @@ fn affordable(points: &[Point], count: u64) -> Option<Cow<'_, [Point]>> {
     (count >= LEAST_POINTS).then(|| Cow::Owned(thinned(points, count)))
 }
 
-/// The last stage: all of the surface, then vertices that lie on vertices, if there are such. They
-/// have no say in where the suspect lies: simplification puts them outside of the host's surface,
-/// smoothing inside, and nearest ones pull to where they happen to be.
+/// The last stage: aligns the suspect to all of the host's triangles, then pairs vertices that lie
+/// on vertices. The pairs do not influence the alignment. Simplification puts vertices outside the
+/// host's surface, smoothing puts them inside, and nearest vertices pull in random directions.
 ///
-/// Takes at most about `share` tests: fewer points where searches are expensive, no vertices where they
-/// would take more than half, and the fit as it is where nothing can be afforded.
+/// Takes about `share` tests at most. Where searches are expensive, it uses fewer points. Where
+/// pairs would take more than half of the share, it makes none. Where nothing can be afforded, it
+/// keeps the fit.
 fn finish(
     host: &PreparedHost,
     suspect: &PreparedSuspect,

@@ -1,9 +1,9 @@
-//! A host's surface as surfels of equal area, the nearest of which is looked up in a grid: for the
-//! many searches of rough alignment, that ask where the surface is about.
+//! A host's surface as surfels of equal area, and a grid that gives the nearest one. Serves the
+//! many searches of rough alignment, which only need to know about where the surface is.
 //!
-//! A search in the tree of all triangles takes the longer the farther a point is from the surface
-//! and the finer the triangles are: 15 us on a scan of 900,000. Here it is the same few memory
-//! accesses, whatever the mesh; overlapping slivers cost nothing either.
+//! A search in the tree of all triangles takes longer the farther the point is from the surface and
+//! the finer the triangles are: 15 us on a scan of 900,000 triangles. A look-up in the grid is the
+//! same few memory accesses on any mesh, even on one of overlapping slivers.
 
 use glam::DVec3;
 
@@ -15,7 +15,7 @@ use crate::registration::by_vertices::one_rings::NONE;
 use crate::registration::shape::Shape;
 use crate::registration::similarity::Similarity;
 
-/// Surfels of a host.
+/// Number of surfels of a host.
 const DISCS: usize = 15_000;
 
 /// Points farther outside of the host's box than this share of its diagonal touch nothing.
@@ -24,11 +24,11 @@ pub const MARGIN: f64 = 0.08;
 /// Cells along the diagonal of the host's box; at most 210,000 in all, for a cube.
 const CELLS: f64 = 80.0;
 
-/// Cells around a point, each of which is looked at.
+/// Cells around a point; a look-up reads all of them.
 const CELLS_AROUND: u64 = 8;
 
-/// A surfel's radius over the side of the square that is its share of the area, so that surfels that
-/// lie at random leave few holes.
+/// A surfel's radius relative to the side of a square that has the surfel's share of the area. With
+/// this radius, surfels at random positions leave few holes.
 const RADIUS: f64 = 1.5;
 
 /// A host's surfels, and the nearest of them to each cell of a grid.
@@ -41,7 +41,7 @@ pub struct Discs {
 }
 
 impl Discs {
-    /// Spreads them over the surface; `None` once `stop` answers `true`.
+    /// Spreads surfels over the surface; `None` once `stop` returns `true`.
     #[must_use]
     pub fn new(host: &Shape, stop: Stop<'_>) -> Option<Self> {
         let all = scatter_until(host, DISCS, stop)?;
@@ -72,7 +72,8 @@ impl Discs {
         };
         go_on(stop)?;
         grid.sow();
-        // Two rounds leave one cell in thousands with its second nearest.
+        // After two rounds, one cell in thousands has its second nearest surfel instead of the
+        // nearest.
         for _ in 0..2 {
             go_on(stop)?;
             grid.sweep();
@@ -80,7 +81,7 @@ impl Discs {
         Some(grid)
     }
 
-    /// Gives each surfel to the cell that it lies in.
+    /// Enters each surfel in the cell that it lies in.
     fn sow(&mut self) {
         for number in (0..).take(self.all.len()) {
             let at = (self.all[number as usize].position - self.low) * CELLS;
@@ -90,7 +91,7 @@ impl Discs {
         }
     }
 
-    /// Hands surfels on from cell to cell, forwards and backwards (Danielsson 1980).
+    /// Propagates surfels from cell to cell, forwards and backwards (Danielsson 1980).
     fn sweep(&mut self) {
         let [nx, ny, nz] = self.counts;
         let cells = nx * ny * nz;
@@ -111,7 +112,8 @@ impl Discs {
         }
     }
 
-    /// Gives a surfel to a cell if it is nearer to its middle than the one that it has.
+    /// Enters a surfel in a cell if it is nearer to the cell's centre than the cell's current
+    /// surfel.
     fn offer(&mut self, cell: usize, number: u32) {
         let Some(disc) = self.all.get(number as usize) else { return };
         let [nx, ny, _] = self.counts;
@@ -124,7 +126,7 @@ impl Discs {
         }
     }
 
-    /// The number of the cell with these coordinates.
+    /// The number of the cell with these coordinates; `None` outside the grid.
     fn cell(&self, at: DVec3) -> Option<usize> {
         let [nx, ny, nz] = self.counts;
         let inside =
@@ -140,7 +142,7 @@ impl Discs {
 }
 
 impl Ground for Discs {
-    /// The nearest surfel among those of the eight cells around the point, that faces the same way.
+    /// The nearest surfel that faces the same way, among those of the eight cells around the point.
     fn touch(&self, s: &Similarity, point: &Point, reach: f64, tests: &mut u64) -> Option<Touch> {
         *tests += CELLS_AROUND;
         let placed = s.apply(point.position);
@@ -194,7 +196,7 @@ mod tests {
                     };
                     let Some(exact) = touch(&target) else { continue };
                     let rough = touch(&discs).unwrap();
-                    // A surfel's middle lies on the surface.
+                    // A surfel's centre lies on the surface.
                     assert!(rough > exact - discs.radius, "{rough} {exact}");
                     errors.push((rough - exact).abs());
                 }

@@ -1,7 +1,7 @@
-//! The turns that bring a host onto itself.
+//! The rotations that map a host onto itself.
 //!
-//! A gear with six holes lies on itself in twelve ways, and nothing in the shape of a suspect says which
-//! of them is its own. Whoever looks at a suspect has to consider all.
+//! A gear with six holes lies on itself in twelve ways, and nothing in the shape of a suspect shows
+//! which of them is right. A comparison with a suspect has to consider all of them.
 
 use super::icp::{Fit, Ground};
 use super::moments::by_moments;
@@ -12,38 +12,37 @@ use crate::registration::budget::{Budget, Within};
 use crate::registration::prepared::PreparedHost;
 use crate::registration::similarity::Similarity;
 
-/// Turns beside the identity, at the most: all of a cube.
+/// Rotations other than the identity, at most: those of a cube.
 const MOST: usize = 23;
 
-/// Points that judge and align.
+/// Points that judge hypotheses and align them.
 const JUDGES: usize = 600;
 
-/// Distance at which a point counts as on the surface in the end, a share of the diagonal.
+/// Distance within which a point counts as on the surface in the last stage, a share of the
+/// diagonal.
 const EXACT: f64 = 1e-3;
 
-/// Share of the points that are there at either stage, at least.
+/// Least share of the points that lie on the surface: in the rough stages, and in the last one.
 const ROUGHLY: f64 = 0.85;
 const NEARLY_ALL: f64 = 0.97;
 
-/// Root mean square distance, at the most: a suspect from a scan with noise of 0.05 % is 3.9e-4 off and
-/// cannot tell such turns from symmetries, a remeshed one is 1e-4 off.
+/// Largest RMS distance, a share of the diagonal. A suspect from a scan with noise of 0.05 % is
+/// 3.9e-4 off and cannot distinguish a rotation within this distance from a symmetry; a remeshed
+/// suspect is 1e-4 off.
 const LOOSEST: f64 = 2.5e-4;
 
-/// How much of the size may be lost.
+/// How far the scale may differ from 1.
 const SAME_SIZE: f64 = 1e-3;
 
 /// Rounds of an alignment.
 const ROUNDS: u32 = 12;
 
-/// Tests that are made at the most, once per host: 0.36 s.
+/// Tests per host, at most: 0.36 s.
 const MOST_TESTS: u64 = 24_000_000;
 
-/// The proper turns other than the identity under which a surface lies on itself, in its own unit
-/// coordinates; `None` once `stop` answers `true`.
-pub(in crate::registration) fn symmetries(
-    host: &PreparedHost,
-    stop: Stop<'_>,
-) -> Option<Vec<Similarity>> {
+/// The proper rotations other than the identity that map the host onto itself, in its unit
+/// coordinates; `None` once `stop` returns `true`.
+pub(in crate::registration) fn symmetries(host: &PreparedHost, stop: Stop<'_>) -> Option<Vec<Similarity>> {
     let (points, discs) = (&host.points, host.discs(stop)?);
     let budget = Budget::new(MOST_TESTS);
     let within = Within { budget: &budget, stop };
@@ -67,7 +66,7 @@ pub(in crate::registration) fn symmetries(
         if aligned.overlap < ROUGHLY || !is_new(&aligned, &found) {
             continue;
         }
-        // Its search tree is not made for hosts without a candidate.
+        // The search tree is not built for hosts without a candidate.
         let Some(target) = host.target(stop) else { break };
         let exact = target.align(&aligned.similarity, &judges, FINE..EXACT, ROUNDS, within);
         let exact = target.judge(&exact, &judges, EXACT, within);
@@ -99,7 +98,7 @@ pub(crate) mod tests {
         host.symmetries(&|| false).unwrap().len()
     }
 
-    /// A torus whose tube is thicker in so many places, of so many times so many vertices.
+    /// A torus whose tube is thicker in `points` places, with `around` times `across` vertices.
     pub(crate) fn crown(points: u32, [around, across]: [u32; 2]) -> Mesh {
         let turn = std::f64::consts::TAU;
         let at = |i: u32, j: u32| {

@@ -1,4 +1,5 @@
-//! The alignment by vertices that suspect and host share, and whether it leaves nothing to search for.
+//! The alignment by vertices that suspect and host share, and whether it makes a search by the
+//! surface needless.
 
 use super::vertices::{Twins, twins};
 use crate::mesh::stop::Stop;
@@ -6,13 +7,14 @@ use crate::registration::budget::Within;
 use crate::registration::by_surface::surface::share_near;
 use crate::registration::prepared::{Alignment, Basis, PreparedHost, PreparedSuspect};
 
-/// Correspondences that make up this share of the suspect leave nothing to search for, where they put this share
-/// of its surface on the host. (Regular parts of a surface that was made anew have the same surroundings
-/// in several places: on a bracket a fifth of the vertices had false correspondences.)
+/// Shared vertices suffice where correspondences cover more than `VERTICES_SUFFICE` of the
+/// suspect's vertices and put at least `SURFACE_SUFFICES` of its surface on the host. The second
+/// condition is needed because regular parts of a surface that was tessellated anew have the same
+/// signatures in several places: on a bracket, a fifth of the vertices had false correspondences.
 const VERTICES_SUFFICE: f64 = 0.2;
 const SURFACE_SUFFICES: f64 = 0.9;
 
-/// The alignment by the vertices that suspect and host share; also `None` once `stop` answers `true`.
+/// The alignment by the vertices that suspect and host share; also `None` once `stop` returns `true`.
 #[must_use]
 pub fn by_vertices(
     host: &PreparedHost,
@@ -23,7 +25,8 @@ pub fn by_vertices(
     Some(from_correspondences(host, suspect, found))
 }
 
-/// Whether shared vertices leave nothing to search for.
+/// Whether the shared vertices suffice, so that no search by the surface is needed. `shared` is the
+/// alignment by vertices.
 #[must_use]
 pub fn suffices(
     host: &PreparedHost,
@@ -108,11 +111,11 @@ mod tests {
         }
     }
 
-    /// Every triangle in four.
+    /// Splits every triangle into four.
     fn subdivided(mesh: &Mesh) -> Mesh {
         let mut positions = mesh.positions().to_vec();
         let mut triangles = Vec::new();
-        // Sides that meet are welded by their position.
+        // Midpoints of shared edges are welded by their position.
         for &[a, b, c] in mesh.triangles() {
             let [d, e, f] = [[a, b], [b, c], [c, a]].map(|[i, j]| {
                 positions.push(positions[i as usize].midpoint(positions[j as usize]));
@@ -182,8 +185,8 @@ mod tests {
         }
     }
 
-    /// The same number of vertices and triangles, searched a hundred times more dearly: needles that
-    /// all reach across the box.
+    /// Needles that all reach across the box. A search among them costs a hundred times more than
+    /// on a usual mesh of as many vertices and triangles.
     fn needles(count: u32) -> Shape {
         let end = |k: u32, side: f64| {
             let turn = f64::from(k) * 2.4;
@@ -206,7 +209,7 @@ mod tests {
             for tests in [0, 1_000_000, 10_000_000] {
                 let budget = Budget::new(tests);
                 let found = register(&host, suspect, Effort::Whole, free(&budget));
-                // What a search costs has to be found out: sixty per alignment that is planned.
+                // Measuring what a search costs takes 60 searches per planned alignment.
                 let planning = 25 * 60 * crate::mesh::tree::MOST_TESTS;
                 assert!(budget.spent() <= tests + planning, "{tests}: {}", budget.spent());
                 assert!(found.iter().all(|a| a.similarity.is_valid()));
@@ -220,7 +223,7 @@ mod tests {
         let suspect = PreparedSuspect::new(shape(Sample::Blob, 3000, &awkward(2.0)));
         let unbounded = budget();
         let best = register(&host, &suspect, Effort::Whole, free(&unbounded));
-        // A share of what is left is planned for each step, not only for those that come.
+        // A share of what is left is reserved for each step, even for steps that do not happen.
         let budget = Budget::new(10 * unbounded.spent());
         assert_eq!(register(&host, &suspect, Effort::Whole, free(&budget)), best);
     }

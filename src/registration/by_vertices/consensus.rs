@@ -6,8 +6,8 @@ use crate::mesh::powers::{cubed, squared};
 use crate::mesh::stop::{Stop, go_on};
 use crate::registration::similarity::{Pair, Similarity, fit};
 
-/// Triples tried at most. With one right pair in six, 2,000 triples hold one of three right pairs
-/// with a probability of 0.9999.
+/// Triples tried at most. With one right pair in six, 2,000 triples include one of three right
+/// pairs with a probability of 0.9999.
 const TRIPLES: u32 = 2000;
 
 /// Pairs on which a triple's similarity is judged.
@@ -17,21 +17,21 @@ const JUDGES: usize = 400;
 /// noise of 0.5 % of the host is 2.5 % of a fragment with a fifth of its diagonal.
 const TOLERANCE: f64 = 0.03;
 
-/// Fewer inliers prove nothing: three always agree.
+/// Least number of inliers. Fewer prove nothing: three pairs always agree.
 const LEAST_INLIERS: usize = 8;
 
-/// What similarities may do to the diagonal: a fragment has at least a hundredth of its host's,
-/// and a host with additions to it is rarely larger than this many times its own.
+/// Allowed scales from suspect to host, with diagonals of 1. A fragment has at least a hundredth of
+/// its host's diagonal, and a host with additions to it is rarely larger than 20 times its own.
 const SCALES: std::ops::Range<f64> = 0.005..20.0;
 
-/// Residuals beyond this many medians do not count. Of Gaussian noise in three dimensions 1 in
+/// Residuals beyond this many medians do not count. Of Gaussian noise in three dimensions, 1 in
 /// 10^11 lies beyond 5 medians.
 const CUT: f64 = 5.0;
 
-/// Residuals are not asked to be smaller than this share of the host's diagonal.
+/// Smallest cut of residuals, a share of the host's diagonal.
 const FLOOR: f64 = 1e-13;
 
-/// Rounds of reweighting; what moves after these moves by less than the noise.
+/// Rounds of reweighting. Later rounds would move points by less than the noise.
 const ROUNDS: usize = 15;
 
 /// A similarity and how well the pairs agree with it.
@@ -45,10 +45,10 @@ pub struct Consensus {
     pub inliers: usize,
 }
 
-/// The similarity that most pairs agree on, refined over all that do; `None` where too few do, and
-/// once `stop` answers `true`.
+/// The similarity that most pairs agree on, refined over all pairs that agree. `None` where too few
+/// do, and once `stop` returns `true`.
 ///
-/// Points in units of the shapes' diagonals. Deterministic: triples come from a fixed sequence.
+/// Points are in units of the shapes' diagonals. Deterministic: triples come from a fixed sequence.
 #[must_use]
 pub fn consensus(pairs: &[Pair], mirrored: bool, stop: Stop<'_>) -> Option<Consensus> {
     if pairs.len() < LEAST_INLIERS {
@@ -74,7 +74,8 @@ pub fn consensus(pairs: &[Pair], mirrored: bool, stop: Stop<'_>) -> Option<Conse
         }
     }
     let (_, mut similarity) = best?;
-    // A triple's similarity is rough; those that agree with it know better, and are then more.
+    // The similarity of a triple is rough. A fit to all pairs that agree with it is better, and
+    // then more pairs agree.
     for _ in 0..4 {
         go_on(stop)?;
         let agreeing: Vec<Pair> = inliers(pairs, &similarity).copied().collect();
@@ -93,7 +94,8 @@ fn inliers<'a>(pairs: &'a [Pair], s: &'a Similarity) -> impl Iterator<Item = &'a
     pairs.iter().filter(move |p| s.apply(p.from).distance_squared(p.to) < tolerance)
 }
 
-/// Triples after which one of three right pairs was met with a probability of 1 - 10^-6.
+/// Triples after which one of three right pairs was met with a probability of 1 - 10^-6, if `right`
+/// is the share of right pairs.
 fn triples_for(right: f64) -> u32 {
     let missed = libm::log((1.0 - cubed(right)).clamp(1e-9, 1.0 - 1e-9));
     let triples = (libm::log(1e-6) / missed).ceil().clamp(1.0, f64::from(TRIPLES));
@@ -113,8 +115,8 @@ fn pick(pairs: &[Pair], number: u32) -> Option<[Pair; 3]> {
     Some([draw(0)?, draw(1)?, draw(2)?])
 }
 
-/// Least squares over all pairs, each weighted by how far it is from where the others put it
-/// (Tukey's biweight, scaled by the median). `None` once `stop` answers `true`.
+/// Least squares over all pairs. Each is weighted by its residual: Tukey's biweight, scaled by the
+/// median. `None` once `stop` returns `true`.
 #[must_use]
 pub fn refine(pairs: &[Pair], start: Similarity, stop: Stop<'_>) -> Option<Consensus> {
     let mirrored = start.scale < 0.0;

@@ -1,13 +1,13 @@
-//! The neighbours of each vertex in the order in which its triangles turn around it.
+//! The one-ring of each vertex: its neighbours in the order in which its triangles turn around it.
 
 use rayon::prelude::*;
 
 use crate::mesh::adjacency::Adjacency;
 use crate::mesh::stop::{Stop, go_on, unstopped};
 
-/// Vertices with more neighbours count as open. Of the real meshes none of the vertices that tell
-/// places apart has more than 20; the limit keeps the work below 32 steps per triangle corner on any
-/// upload (a fan of a million triangles around one vertex).
+/// Vertices with more neighbours count as open. In real meshes, no vertex with a distinctive
+/// signature has more than 20. The limit keeps the work below 32 steps per triangle corner on any
+/// upload, such as a fan of a million triangles around one vertex.
 pub const MAX_VALENCE: usize = 32;
 
 /// No dart.
@@ -16,10 +16,10 @@ pub const NONE: u32 = u32::MAX;
 /// Vertices per task.
 const BLOCK: usize = 4096;
 
-/// Rings of all vertices in one flat array. An entry is a *dart*: the step from the ring's vertex
-/// to that neighbour. A vertex whose triangles do not close around it exactly once (a border, a
-/// surface that is no manifold there, windings that contradict each other) has an empty ring; it is
-/// *open*.
+/// One-rings of all vertices in one flat array. An entry is a *dart*: the step from the ring's
+/// vertex to that neighbour. A vertex is *open*, and its ring empty, if its triangles do not close
+/// around it exactly once: at a border, where the surface is not a manifold, or where windings
+/// contradict each other.
 #[derive(Debug, Clone)]
 pub struct Rings {
     starts: Vec<u32>,
@@ -29,15 +29,16 @@ pub struct Rings {
 }
 
 impl Rings {
-    /// Walks around all vertices.
+    /// Collects the rings of all vertices.
     ///
-    /// `triangles` index below `vertices`; three times their number fits in a `u32`.
+    /// Indices in `triangles` are below `vertices`, and three times the number of triangles fits in
+    /// a `u32`.
     #[must_use]
     pub fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
         unstopped(|stop| Self::new_until(vertices, triangles, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// Like [`Self::new`]; `None` once `stop` returns `true`.
     #[must_use]
     pub fn new_until(vertices: usize, triangles: &[[u32; 3]], stop: Stop<'_>) -> Option<Self> {
         let around = Adjacency::new_until(vertices, triangles, stop)?;
@@ -96,7 +97,8 @@ impl Rings {
         Some(backs)
     }
 
-    /// The neighbours of `vertex`, in the sense of its triangles' winding; empty if it is open.
+    /// The neighbours of `vertex`, in the sense of its triangles' winding; empty if the vertex is
+    /// open.
     #[must_use]
     pub fn ring(&self, vertex: u32) -> &[u32] {
         &self.heads[self.darts(vertex)]
@@ -109,7 +111,7 @@ impl Rings {
         self.starts[vertex] as usize..self.starts[vertex + 1] as usize
     }
 
-    /// Where each dart leads.
+    /// Per dart the neighbour that it leads to.
     #[must_use]
     pub fn heads(&self) -> &[u32] {
         &self.heads

@@ -1,10 +1,10 @@
-//! The last refinement over pairs of vertices: what went along the surface and what went off it
-//! are trusted by how much of either there is.
+//! The last refinement, over pairs of vertices. Displacements along the surface and off it are
+//! weighted by how large each of the two kinds is.
 //!
-//! Quadric selective placement slides vertices along the surface and hardly moves them off it,
-//! smoothing does the opposite, and noise knows no surface. On the marked half of the bunny this brings
-//! the error of the centre from 0.0125 to 0.0005 % of the diagonal, on the marked twentieth of the
-//! rocker arm from 0.070 to 0.018 % (`benches/registration.rs`).
+//! Quadric selective placement slides vertices along the surface and hardly moves them off it.
+//! Smoothing does the opposite, and noise is the same in all directions. On the marked half of the
+//! bunny, this refinement brings the error of the centre from 0.0125 to 0.0005 % of the diagonal,
+//! on the marked twentieth of the rocker arm from 0.070 to 0.018 % (`benches/registration.rs`).
 
 use glam::DVec3;
 
@@ -14,7 +14,7 @@ use crate::mesh::sum::ordered_sum;
 use crate::registration::by_surface::gauss_newton::Equations;
 use crate::registration::similarity::Similarity;
 
-/// A pair of vertices, in the host's coordinates but for `from`.
+/// A pair of vertices. `from` is in the suspect's coordinates, the rest in the host's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// The suspect's vertex.
@@ -28,18 +28,18 @@ pub struct Contact {
 /// Pairs farther apart than this many standard deviations do not count (Tukey's biweight).
 const CUT: f64 = 4.685;
 
-/// Smallest standard deviation that is believed, a share of the diagonal: equal weights to pairs
-/// that fit to the last digit.
+/// Smallest standard deviation that is assumed, a share of the diagonal: pairs that fit to the last
+/// digit get equal weights.
 const LEAST: f64 = 1e-12;
 
-/// How much better one direction may be trusted than the other, in standard deviations. Beyond,
-/// the directions of the normals themselves are not exact enough.
+/// Largest ratio between the two standard deviations. The normals are not exact enough for a larger
+/// one.
 const MOST_RATIO: f64 = 30.0;
 
 /// Newton steps; weights settle in fewer.
 const ROUNDS: usize = 12;
 
-/// Typical distances off and along the surface: standard deviations, were they Gaussian.
+/// Typical distances off and along the surface, as standard deviations of Gaussian distributions.
 fn spread(contacts: &[Contact], s: &Similarity) -> Option<[f64; 2]> {
     let parts = contacts.iter().map(|c| {
         let gap = s.apply(c.from) - c.to;
@@ -59,8 +59,8 @@ fn median(values: &mut [f64]) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The similarity that makes the pairs likeliest, beginning at one that is nearly right. Worth nothing
-/// once `stop` answers `true`.
+/// The similarity that makes the pairs likeliest, starting at one that is nearly right. Meaningless
+/// once `stop` returns `true`.
 #[must_use]
 pub fn polish(contacts: &[Contact], start: Similarity, stop: Stop<'_>) -> Similarity {
     let mut now = start;

@@ -1,15 +1,16 @@
-//! Codes of vertices: numbers that a vertex keeps when the mesh around it is cut away, moved,
-//! turned, scaled and renumbered, and that few other vertices have.
+//! Vertex signatures: numbers that a vertex keeps when the mesh around it is cropped, moved,
+//! rotated, scaled or renumbered, and that few other vertices have.
 //!
-//! A *connectivity* code is made of the valences around the vertex in their cyclic order, ring by
-//! ring (Weisfeiler and Lehman's refinement, with the order that a surface gives its neighbours).
-//! It knows no coordinates, so a mark, noise, smoothing and quantisation do not change it. On
-//! scanned or simplified meshes a valence is worth 1.5 to 2 bits and two rings have 18 of them; on
-//! a regular grid it is worth nothing. A *metric* code is made of the lengths of the edges around
-//! the vertex relative to their sum. It tells the vertices of a grid apart, and bears no noise.
+//! A *connectivity* signature is made of the valences around the vertex in their cyclic order, ring
+//! by ring. It is the refinement of Weisfeiler and Lehman, with the order that a surface gives its
+//! neighbours. It uses no coordinates, so a mark, noise, smoothing and quantisation do not change
+//! it. On scanned or simplified meshes a valence is worth 1.5 to 2 bits, and two rings have 18 of
+//! them; on a regular grid a valence is worth nothing. A *metric* signature is made of the lengths
+//! of the edges around the vertex relative to their sum. It distinguishes the vertices of a grid,
+//! but does not survive noise.
 //!
-//! Codes are stored (in sketches), so what they mean is fixed: changing anything here asks for a
-//! new version there.
+//! Sketches store signatures, so their meaning is fixed: any change here needs a new version of the
+//! sketch.
 
 use glam::DVec3;
 
@@ -17,43 +18,43 @@ use super::one_rings::{MAX_VALENCE, NONE, Rings};
 use crate::mesh::mixing::mixed;
 use crate::mesh::stop::{Stop, counted, in_steps_of, mapped, unstopped};
 
-/// In which sense rings are read. A mirror image, or a file whose triangles were all turned over,
-/// has the codes of the other sense.
+/// The sense in which one-rings are read. A mirror image, or a file whose triangles were all
+/// flipped, has the signatures of the other sense.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sense {
-    /// As the triangles wind.
+    /// In the sense of the triangles' winding.
     Along,
-    /// The other way.
+    /// Against it.
     Against,
 }
 
-/// The code of one vertex.
+/// The signature of one vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Signature {
-    /// The hash; 0 where there is none (the neighbourhood is open).
+    /// The hash; 0 where the vertex has no signature, because its neighbourhood is open.
     pub hash: u64,
-    /// The place in the vertex' ring at which the reading began, or [`Signature::ANY`] when several
-    /// places read the same.
+    /// The position in the one-ring at which the reading began, or [`Signature::ANY`] when several
+    /// positions read the same.
     pub begin: u8,
 }
 
 impl Signature {
-    /// The neighbourhood has a symmetry: it looks the same from several neighbours.
+    /// The neighbourhood has a symmetry: it reads the same from several neighbours.
     pub const ANY: u8 = u8::MAX;
 }
 
-/// Steps of the metric code: an edge as a share of the lengths around its vertex, of which there
-/// are 12 around a regular one. Coordinates stored in 32 bits shift a share by about 2e-5 of
-/// itself: with 1024 steps, 1 in 40 of the codes is lost to an unlucky rounding.
+/// Quantisation steps of a metric signature: a length is a share of the sum of the lengths around
+/// its vertex, 12 of them around a regular vertex. Coordinates stored in 32 bits change a share by
+/// about 2e-5 of itself. With 1024 steps, rounding therefore changes 1 in 40 signatures.
 const STEPS: f64 = 1024.0;
 
-/// Adds `x` to the hash `h`. Never 0.
+/// Mixes `x` into the hash `h`. Never 0.
 #[must_use]
 pub fn mix(h: u64, x: u64) -> u64 {
     mixed(h ^ x).max(1)
 }
 
-/// The code of a cyclic sequence: the same for each place it may be begun at.
+/// The signature of a cyclic sequence: the same for every starting position.
 fn cyclic(seed: u64, sequence: &[u64]) -> Signature {
     let read = |from: usize| {
         let (head, tail) = sequence.split_at(from);
@@ -73,12 +74,12 @@ fn cyclic(seed: u64, sequence: &[u64]) -> Signature {
     best
 }
 
-/// Vertices between two questions whether to stop: where all neighbours look the same, as on a grid, a
-/// code takes a microsecond and more.
+/// Vertices between two calls of `stop`. Where all neighbours look the same, as on a grid, a
+/// signature takes a microsecond or more.
 const LONG: usize = 1 << 14;
 
-/// Reads the ring of each vertex, with `value` per dart; 0 for a dart leaves the vertex without
-/// a code.
+/// Reads the one-ring of each vertex, with `value` per dart. A value of 0 leaves the vertex without
+/// a signature.
 fn read_rings(
     rings: &Rings,
     sense: Sense,
@@ -108,13 +109,14 @@ fn read_rings(
     })
 }
 
-/// Codes from the valences up to `radius` (at least 1) rings away.
+/// Connectivity signatures of all vertices, from the valences up to `radius` rings away. `radius`
+/// is at least 1.
 #[must_use]
 pub fn connectivity(rings: &Rings, sense: Sense, radius: usize) -> Vec<Signature> {
     unstopped(|stop| connectivity_until(rings, sense, radius, stop))
 }
 
-/// The same; `None` once `stop` answers `true`.
+/// Like [`connectivity`]; `None` once `stop` returns `true`.
 #[must_use]
 pub fn connectivity_until(
     rings: &Rings,
@@ -132,7 +134,7 @@ pub fn connectivity_until(
     read_rings(rings, sense, stop, |_, dart| seen[dart])
 }
 
-/// What each dart sees behind its head, one ring farther than in `seen`.
+/// Per dart, a hash of the valences behind its head, one ring farther than in `seen`.
 fn farther(rings: &Rings, sense: Sense, seen: &[u64], stop: Stop<'_>) -> Option<Vec<u64>> {
     mapped(rings.heads(), stop, |dart, &head| {
         let back = rings.backs()[dart];
@@ -152,13 +154,13 @@ fn farther(rings: &Rings, sense: Sense, seen: &[u64], stop: Stop<'_>) -> Option<
     })
 }
 
-/// Codes from the lengths of the spokes and of the rim around each vertex.
+/// Metric signatures of all vertices, from the lengths of the spokes and of the rim around each.
 #[must_use]
 pub fn metric(rings: &Rings, positions: &[DVec3], sense: Sense) -> Vec<Signature> {
     unstopped(|stop| metric_until(rings, positions, sense, stop))
 }
 
-/// The same; `None` once `stop` answers `true`.
+/// Like [`metric`]; `None` once `stop` returns `true`.
 #[must_use]
 pub fn metric_until(
     rings: &Rings,
@@ -181,13 +183,13 @@ pub fn metric_until(
         let head = at(rings.heads()[dart]);
         let share = |length: f64| step(STEPS * length / around[v as usize]);
         let [left, right] = [next, before].map(|d| share(at(rings.heads()[d]).distance(head)));
-        // Either rim edge is read once with each of its ends, so that both senses see the same.
+        // Each rim edge is read once with each of its ends, so that both senses read the same.
         let (first, second) = if sense == Sense::Along { (left, right) } else { (right, left) };
         mix(mix(mix(2, share(head.distance(at(v)))), first), second)
     })
 }
 
-/// The nearest whole number as bits; shares are below 1, and what is none becomes 0.
+/// The nearest whole number; shares are below 1, and NaN becomes 0.
 fn step(x: f64) -> u64 {
     #[expect(
         clippy::cast_possible_truncation,

@@ -1,9 +1,10 @@
-//! Suspect vertices that are host vertices: found by their codes, agreed upon by a similarity, and
-//! grown from there over everything that is connected alike.
+//! Suspect vertices that are host vertices. They are found by their signatures. A consensus on a
+//! similarity removes the wrong pairs, and the right ones grow over everything that is connected
+//! alike.
 //!
-//! A crop that was moved, turned, scaled, mirrored and renumbered is brought into the host's coordinates exactly; with
-//! a mark, noise, smoothing or quantisation on it the pairs stay the same, and their disturbances
-//! average out. Does nothing for a surface that was tessellated anew.
+//! A crop that was moved, rotated, scaled, mirrored and renumbered is brought into the host's
+//! coordinates exactly. Under a mark, noise, smoothing or quantisation the pairs stay the same, and
+//! the displacements average out. On a surface that was tessellated anew, nothing is found.
 
 use std::collections::VecDeque;
 use std::sync::OnceLock;
@@ -16,15 +17,15 @@ use crate::mesh::stop::{STEP, Stop, go_on, mapped, once};
 use crate::registration::shape::{Kind, Landmark, Shape};
 use crate::registration::similarity::{Pair, Similarity};
 
-/// A pair joins the others if it is nearer than this many of their medians.
+/// A pair joins the others if its distance is below this many of their medians.
 const NEAR: f64 = 8.0;
 
-/// And in any case if it is nearer than this share of the host's diagonal: exact copies have a
-/// median of nothing, and may have been written with six digits.
+/// A pair also joins if its distance is below this share of the host's diagonal. The median of
+/// exact copies is zero, and they may have been written with six digits.
 const NEARNESS: f64 = 1e-5;
 
-/// Seeds that have to agree, and pairs that the last fit goes by. More change the centre by less
-/// than a thousandth of a per cent, and take seconds on half a million vertices.
+/// Seeds that the consensus uses, and pairs that the last fit uses, at most. More change the centre
+/// by less than a thousandth of a per cent, and take seconds on half a million vertices.
 const SEEDS: usize = 20_000;
 const POLISHED: usize = 60_000;
 
@@ -36,7 +37,7 @@ pub struct Landmarks {
 }
 
 impl Landmarks {
-    /// Collects them; `None` once `stop` answers `true`.
+    /// Collects the landmarks; `None` once `stop` returns `true`.
     #[must_use]
     pub fn new(host: &Shape, stop: Stop<'_>) -> Option<Self> {
         Some(Self {
@@ -53,9 +54,9 @@ impl Landmarks {
     }
 }
 
-/// The ways to look for a suspect's landmarks, in the order in which they are tried. Files whose
-/// triangles wind the other way are rare, so they come last. Whether one is also a mirror image is
-/// another question: with or without its triangles turned over.
+/// The kinds and senses of a suspect's landmarks, in the order in which they are tried. Files whose
+/// triangles wind the other way are rare, so they come last. The sense does not show whether the
+/// suspect is a mirror image: its triangles may have been flipped or not.
 const WAYS: [(Kind, Sense); 4] = [
     (Kind::Connectivity, Sense::Along),
     (Kind::Metric, Sense::Along),
@@ -63,7 +64,8 @@ const WAYS: [(Kind, Sense); 4] = [
     (Kind::Metric, Sense::Against),
 ];
 
-/// A suspect's landmarks in each of the ways, collected when first asked for and kept for further hosts.
+/// A suspect's landmarks of each kind and sense, collected when first needed and kept for further
+/// hosts.
 #[derive(Debug, Clone, Default)]
 pub struct Findable([OnceLock<Vec<Landmark>>; WAYS.len()]);
 
@@ -72,14 +74,15 @@ pub struct Findable([OnceLock<Vec<Landmark>>; WAYS.len()]);
 pub struct Twins {
     /// From the suspect shape's coordinates to the host shape's.
     pub similarity: Similarity,
-    /// Carriers that are one vertex: the suspect's, the host's. Ascending by the suspect's.
+    /// Pairs of carrier vertices that are the same vertex, the suspect's first. Ascending by the
+    /// suspect's.
     pub pairs: Vec<[u32; 2]>,
     /// Median distance between the pairs, a share of the host's diagonal.
     pub median: f64,
 }
 
 /// Finds the vertices that suspect and host share. `None` if there are not enough of them, or once
-/// `stop` answers `true`.
+/// `stop` returns `true`.
 #[must_use]
 pub fn twins(
     host: &Shape,
@@ -110,7 +113,7 @@ pub fn twins(
     grown(host, suspect, &seeds, sense, &found, stop)
 }
 
-/// Two vertices with the same code, and where in their rings it begins.
+/// Two vertices with the same signature, and the positions in their one-rings at which it begins.
 #[derive(Debug, Clone, Copy)]
 struct Seed {
     pair: [u32; 2],
@@ -161,7 +164,7 @@ fn grown(
     let better = refine(&points, found.similarity, stop).unwrap_or(*found);
     let similarity = polish(&contacts(host, suspect, &some), better.similarity, stop);
     go_on(stop)?;
-    // What grew under the first similarity may look wrong under the better one.
+    // A pair that grew under the first similarity may be too far apart under the better one.
     let limit = near(better.median);
     pairs.retain(|&pair| {
         let Pair { from, to, .. } = point_pair(host, suspect, pair);
@@ -170,7 +173,7 @@ fn grown(
     Some(Twins { similarity, pairs, median: better.median })
 }
 
-/// The pairs with the host's normals there, without those where it has none.
+/// The pairs with the host's normals, without those where the host has none.
 fn contacts(host: &Shape, suspect: &Shape, pairs: &[[u32; 2]]) -> Vec<Contact> {
     let contact = |&pair: &[u32; 2]| {
         let Pair { from, to, .. } = point_pair(host, suspect, pair);
@@ -189,7 +192,7 @@ fn near(median: f64) -> f64 {
     (NEAR * median).max(NEARNESS)
 }
 
-/// Pairs that spread from vertex to vertex as long as both sides are connected alike.
+/// Pairs that spread from vertex to vertex as long as both meshes are connected alike.
 struct Growth<'a> {
     host: &'a Shape,
     suspect: &'a Shape,
@@ -199,7 +202,7 @@ struct Growth<'a> {
     limit: f64,
     host_of: Vec<u32>,
     suspect_of: Vec<u32>,
-    /// Paired vertices and a dart of each that correspond.
+    /// Paired vertices, and corresponding darts that leave them.
     queue: VecDeque<([u32; 2], [usize; 2])>,
 }
 
@@ -223,7 +226,7 @@ impl<'a> Growth<'a> {
         })
     }
 
-    /// Pairs two vertices unless one is taken or they are too far apart; says whether it did.
+    /// Pairs two vertices unless one is taken or they are too far apart; returns whether it did.
     fn pair(&mut self, [s, h]: [u32; 2]) -> bool {
         let (i, j) = (s as usize, h as usize);
         let free = self.host_of[i] == NONE && self.suspect_of[j] == NONE;
@@ -294,7 +297,7 @@ mod tests {
         Shape::new(Surface::new(&Mesh::new(positions, triangles).unwrap())).unwrap()
     }
 
-    /// Turns edges at random, so that valences vary as on a scan.
+    /// Flips edges at random, so that valences vary as on a scan.
     fn irregular(sample: Sample, vertices: u32) -> Mesh {
         let mesh = sample.mesh(vertices).unwrap();
         let mut triangles = mesh.triangles().to_vec();
@@ -309,7 +312,7 @@ mod tests {
         Mesh::new(mesh.positions().to_vec(), triangles).unwrap()
     }
 
-    /// Keeps what lies beyond a plane, in another order and another place.
+    /// Keeps what lies beyond a plane, renumbered and moved.
     fn cropped(mesh: &Mesh, share: usize, place: &Similarity) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let normal = DVec3::new(0.3, -0.8, 0.5);
         let mut heights: Vec<f64> = mesh.positions().iter().map(|p| p.dot(normal)).collect();

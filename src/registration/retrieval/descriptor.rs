@@ -1,10 +1,10 @@
-//! The descriptor of a whole shape: a few dozen bytes that do not change when it is moved, turned,
-//! scaled or mirrored, and little when it is tessellated anew, smoothed or roughened. Nothing for
-//! fragments.
+//! The descriptor of a whole shape: a few dozen bytes. They do not change when the shape is moved,
+//! rotated, scaled or mirrored, and change little when it is tessellated anew, smoothed or made
+//! noisy. The descriptor is useless for fragments.
 //!
-//! Spherical harmonics of nested shells about the centre, whose energies per degree no rotation
-//! changes (Kazhdan, Funkhouser and Rusinkiewicz 2003), and quantiles of the distances from the
-//! centre; lengths are relative to the root mean square of these distances.
+//! It holds the energies per degree of the spherical harmonics of nested shells about the centre,
+//! which no rotation changes (Kazhdan, Funkhouser and Rusinkiewicz 2003), and quantiles of the
+//! distances from the centre. Lengths are relative to the root mean square of these distances.
 
 use glam::DVec3;
 
@@ -15,20 +15,20 @@ use crate::registration::shape::Shape;
 /// Degrees of the harmonics.
 const DEGREES: usize = 8;
 
-/// Shells, centred half a mean distance apart.
+/// Shells, spaced by half of the root mean square distance.
 const SHELLS: usize = 4;
 
 /// Quantiles of the distances.
 const QUANTILES: usize = 16;
 
-/// Bytes of an descriptor.
+/// Bytes of a descriptor.
 pub const BYTES: usize = DEGREES * SHELLS + QUANTILES;
 
-/// Points that stand for the surface. With four times as many, descriptors of real meshes change by
-/// less than what simplification to a tenth changes.
+/// Points that stand for the surface. Four times as many change descriptors of real meshes by less
+/// than simplification to a tenth does.
 const POINTS: usize = 16_384;
 
-/// An descriptor. Stored: what the bytes mean is fixed.
+/// A shape descriptor. It is stored: the meaning of its bytes is fixed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ShapeDescriptor(pub [u8; BYTES]);
 
@@ -39,7 +39,7 @@ impl ShapeDescriptor {
         unstopped(|stop| Self::new_until(shape, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// Like [`Self::new`]; `None` once `stop` returns `true`.
     #[must_use]
     pub fn new_until(shape: &Shape, stop: Stop<'_>) -> Option<Self> {
         let points = scatter_until(shape, POINTS, stop)?;
@@ -61,7 +61,7 @@ impl ShapeDescriptor {
         distances.sort_unstable_by(f64::total_cmp);
         for (k, byte) in quantiles.iter_mut().enumerate() {
             let rank = (2 * k + 1) * distances.len() / (2 * QUANTILES);
-            // No distance of note is 2.5 times the root mean square.
+            // Hardly any distance exceeds 2.5 times the root mean square.
             *byte = fraction(distances.get(rank).copied().unwrap_or(0.0) / 2.5);
         }
         Some(Self(bytes))
@@ -75,7 +75,7 @@ impl ShapeDescriptor {
     }
 }
 
-/// 0 to 1 as a byte.
+/// A value from 0 to 1 as a byte.
 fn fraction(x: f64) -> u8 {
     #[expect(
         clippy::cast_possible_truncation,
@@ -107,11 +107,11 @@ fn shells(points: &[DVec3]) -> Vec<f64> {
     sums.iter().flat_map(|sum| (0..DEGREES).map(move |l| degree(sum, l))).collect()
 }
 
-/// Real spherical harmonics in the direction `d`, scaled so that each degree's squares sum to 1;
-/// degree `l` has the places from `l^2` to `(l + 1)^2`.
+/// Real spherical harmonics in the direction `d`, scaled so that each degree's squares sum to 1.
+/// Degree `l` has the entries from `l^2` up to, but not including, `(l + 1)^2`.
 fn harmonics(d: DVec3) -> [f64; DEGREES * DEGREES] {
     let mut values = [0.0; DEGREES * DEGREES];
-    // (x + i y)^m, and Legendre functions without their powers of sin: the usual recurrences.
+    // (x + i y)^m, and Legendre functions without their powers of sin, by the usual recurrences.
     let (mut cosine, mut sine, mut sectoral) = (1.0, 0.0, 1.0);
     for m in 0..DEGREES {
         let (mut before, mut now) = (0.0, sectoral);

@@ -1,4 +1,4 @@
-//! Many sketches in memory, and which of them a suspect looks like.
+//! An index of many sketches in memory. It finds the records that a suspect resembles.
 
 use std::collections::{BTreeSet, HashMap};
 
@@ -7,25 +7,26 @@ use rayon::prelude::*;
 use super::descriptor::ShapeDescriptor;
 use super::sketch::{Probe, Sketch};
 
-/// Postings that wait in a tree before they are merged into the sorted list, and the share of that
-/// list that may: a merge reads all of it.
+/// New postings wait in a tree until they are merged into the sorted list, which reads all of the
+/// list. A merge is due when more than `LEAST_WAITING` wait, and more than one per `WAITING_SHARE`
+/// postings of the list.
 const LEAST_WAITING: usize = 1 << 16;
 const WAITING_SHARE: usize = 64;
 
-/// Postings read per query: what bounds the time for hashes that very many records share.
+/// Postings read per query, at most: bounds the time for hashes that very many records share.
 const MOST_READ: usize = 1 << 22;
 
-/// Outlines per task.
+/// Descriptors per task.
 const BLOCK: usize = 1 << 14;
 
-/// A record and how much of a suspect speaks for it.
+/// A record and how much it has in common with a suspect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
     /// The id it was inserted with.
     pub id: u128,
-    /// Hashes it has in common with the suspect.
+    /// Number of hashes that it has in common with the suspect.
     pub hits: u32,
-    /// The same, each worth the more the fewer records have it (nats).
+    /// Weight of these hashes in nats. A hash weighs more the fewer records have it.
     pub weight: f64,
 }
 
@@ -38,8 +39,8 @@ pub struct Likeness {
     pub distance: u32,
 }
 
-/// Sketches by their hashes and descriptors. About 1.7 KB per record, of which 1.5 KB
-/// are postings: 1.7 GB for a million.
+/// Sketches by their hashes and descriptors. A record takes about 1.7 KB, of which 1.5 KB are
+/// postings; a million records take 1.7 GB.
 #[derive(Debug, Default)]
 pub struct GeometryIndex {
     ids: Vec<u128>,
@@ -47,7 +48,7 @@ pub struct GeometryIndex {
     dead: Vec<bool>,
     free: Vec<u32>,
     slot_of: HashMap<u128, u32>,
-    /// The upper half of a posting is a hash, the lower a slot. Sorted.
+    /// The upper half of a posting is half of a hash, the lower half a slot. Sorted.
     postings: Vec<u64>,
     waiting: BTreeSet<u64>,
     live: usize,
@@ -65,7 +66,7 @@ impl GeometryIndex {
         }
     }
 
-    /// Adds many records at once, as at the start; faster than one by one.
+    /// Adds many records at once, as at a start; faster than [`Self::insert`] one by one.
     pub fn extend<'a>(&mut self, records: impl Iterator<Item = (u128, &'a Sketch)>) {
         let mut fresh: Vec<u64> = std::mem::take(&mut self.waiting).into_iter().collect();
         for (id, sketch) in records {
@@ -78,7 +79,7 @@ impl GeometryIndex {
         self.merge(fresh);
     }
 
-    /// A slot for a record. `None` once there are 2^32 of them.
+    /// Takes a slot for a record. `None` once all 2^32 are taken.
     fn place(&mut self, id: u128, sketch: &Sketch) -> Option<u32> {
         let slot = match self.free.pop() {
             Some(slot) => slot,
@@ -99,7 +100,7 @@ impl GeometryIndex {
         Some(slot)
     }
 
-    /// Takes a record out; says whether it was there. Its postings go with the next merge.
+    /// Removes a record; returns whether it was there. Its postings are dropped by the next merge.
     pub fn remove(&mut self, id: u128) -> bool {
         let Some(slot) = self.slot_of.remove(&id) else { return false };
         self.dead[slot as usize] = true;
@@ -156,7 +157,7 @@ impl GeometryIndex {
             let weight = libm::log(1.0 + self.live as f64 / sharing);
             found[begin..].iter_mut().for_each(|(_, w)| *w = weight);
         }
-        // Stable, so that weights are added in the order of the hashes.
+        // A stable sort, so that weights are added in the order of the hashes.
         found.sort_by_key(|&(slot, _)| slot);
         let hit = |same: &[(u32, f64)]| {
             let id = self.ids[same.first()?.0 as usize];
@@ -202,9 +203,10 @@ impl GeometryIndex {
     }
 }
 
-/// Half of a hash suffices: of a million records' 10^8 postings, 1 in 40 probes meets a wrong one.
+/// Half of a hash suffices: with the 10^8 postings of a million records, 1 in 40 probes meets a
+/// wrong one.
 fn posting(hash: u64, slot: u32) -> u64 {
-    // Small hashes were chosen for their upper halves, so it is the lower half that is evenly spread.
+    // A sketch keeps the smallest hashes, so only their lower halves are evenly spread.
     hash << 32 | u64::from(slot)
 }
 

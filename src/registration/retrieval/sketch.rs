@@ -1,9 +1,10 @@
-//! What is kept of a shape to find it again, whole or in part, among many.
+//! The sketch of a shape: what is stored to find the shape again, whole or in part, among many.
 //!
-//! Parts: each vertex has a hash, made of the connectivity three rings around it (or, where that
-//! says nothing, of lengths), and the smallest hashes of a mesh are a fair sample of its vertices
-//! (bottom-k sketches; Cohen and Kaplan 2007). A fragment with a share s of the mesh has about the
-//! same share s of these vertices, and finds the record by them. Wholes: the [`ShapeDescriptor`].
+//! Parts: each vertex has a hash of the connectivity three rings around it, or of edge lengths
+//! where connectivity says too little. The smallest hashes of a mesh are a fair sample of its
+//! vertices (bottom-k sketches; Cohen and Kaplan 2007). A fragment with a share s of the mesh has
+//! about the same share s of these vertices, and finds the record by them. Wholes: the
+//! [`ShapeDescriptor`].
 
 use super::descriptor::{BYTES, ShapeDescriptor};
 use crate::mesh::stop::{Stop, go_on, sorted, unstopped};
@@ -12,24 +13,25 @@ use crate::registration::by_vertices::signatures::{
 };
 use crate::registration::shape::Shape;
 
-/// Rings that a hash looks at: 37 vertices. Two rings tell the vertices of one mesh apart, among
+/// Rings that a hash covers: 37 vertices. Two rings distinguish the vertices of one mesh, but among
 /// a hundred thousand meshes they are too common.
 const RADIUS: usize = 3;
 
 /// Hashes per sketch. A fragment of 5 % has 9.6 of them on average, less those within three rings
-/// of its border. Among 100,000 records such fragments of real meshes of 10,000 vertices and more
-/// find theirs; of smaller meshes, of whose 100 to 300 vertices the border leaves a few, half do
-/// (`benches/shortlist.rs`).
+/// of its border. Among 100,000 records, such fragments of real meshes of 10,000 vertices and more
+/// find their record. Fragments of smaller meshes have 100 to 300 vertices, of which the border
+/// leaves a few: half of them find their record (`benches/shortlist.rs`).
 pub const HASHES: usize = 192;
 
-/// Hashes of a suspect that are looked up. Those of a fragment need [`HASHES`] at most; the rest
-/// are for an object within a scene of a hundred times its size.
+/// Most hashes of either kind that are looked up for a suspect. A fragment needs at most
+/// [`HASHES`]; the rest are for an object within a scene of a hundred times its size.
 pub const PROBES: usize = 16_384;
 
-/// A hash that occurs more often within its mesh says little about any.
+/// How often a hash may occur within its mesh. A more frequent one says little about any vertex.
 const MOST_ALIKE: usize = 2;
 
-/// Below this share of vertices with telling connectivity, half of the sketch is about lengths.
+/// Least share of vertices with a rare connectivity hash. Below it, at least half of the sketch
+/// consists of hashes of lengths.
 const TELLING: f64 = 0.25;
 
 const VERSION: u8 = 1;
@@ -50,7 +52,7 @@ pub struct Probe {
     pub outline: ShapeDescriptor,
 }
 
-/// Why bytes are no sketch.
+/// Why bytes are not a sketch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum SketchError {
     /// A version that this release does not know.
@@ -69,7 +71,7 @@ impl Sketch {
         unstopped(|stop| Self::new_until(shape, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// Like [`Self::new`]; `None` once `stop` returns `true`.
     #[must_use]
     pub fn new_until(shape: &Shape, stop: Stop<'_>) -> Option<Self> {
         let telling = rare(connectivity_hashes(shape, stop)?, stop)?;
@@ -141,13 +143,13 @@ impl Sketch {
 }
 
 impl Probe {
-    /// All there is to look up for a suspect.
+    /// Collects everything to look up for a suspect.
     #[must_use]
     pub fn new(shape: &Shape) -> Self {
         unstopped(|stop| Self::new_until(shape, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// Like [`Self::new`]; `None` once `stop` returns `true`.
     #[must_use]
     pub fn new_until(shape: &Shape, stop: Stop<'_>) -> Option<Self> {
         let some = |hashes: Vec<u64>| {
@@ -183,7 +185,7 @@ fn either(
     Some(both.filter(|&hash| hash != 0).map(|hash| mix(hash, kind)).collect())
 }
 
-/// Those that few vertices share, ascending, each once.
+/// The hashes that few vertices share, ascending, each once.
 fn rare(hashes: Vec<u64>, stop: Stop<'_>) -> Option<Vec<u64>> {
     let hashes = sorted(hashes, stop, Ord::cmp)?;
     let groups = hashes.chunk_by(|a, b| a == b).filter(|same| same.len() <= MOST_ALIKE);
@@ -220,7 +222,7 @@ mod tests {
         assert_eq!(Sketch::from_bytes(&newer), Err(SketchError::UnknownVersion(2)));
     }
 
-    /// A torus of quads cut along this diagonal or that, with whole coordinates.
+    /// A torus of quads, each cut along one diagonal or the other, with whole coordinates.
     fn torus() -> Shape {
         const N: u32 = 12;
         let at = |i: u32, j: u32| (i % N) * N + j % N;
@@ -236,7 +238,7 @@ mod tests {
         Shape::new(Surface::new(&mesh)).unwrap()
     }
 
-    /// Sketches are stored: these may only change together with [`VERSION`].
+    /// Sketches are stored: these values may only change together with [`VERSION`].
     #[test]
     fn hashes_mean_the_same_in_every_release() {
         let sum = |hashes: Vec<u64>| (hashes.len(), hashes.into_iter().fold(0, mix));

@@ -23,7 +23,7 @@ impl Case {
         self.glb_with(&[])
     }
 
-    /// With more chunks, each a type and its content.
+    /// The GLB with more chunks, each a type and its content.
     pub(super) fn glb_with(&self, chunks: &[(u32, &[u8])]) -> Vec<u8> {
         let mut json = self.text(1).into_bytes();
         json.resize(json.len().next_multiple_of(4), b' ');

@@ -137,8 +137,8 @@ fn refusals_have_their_own_variants() {
     assert_eq!(error, FormatError::NonFiniteVertex { place: "accessors[0], element 0".to_owned() });
 }
 
-/// A grid of `side` x `side` cells whose triangles so many primitives name, each from an index that
-/// stands `step` bytes further on.
+/// A grid of `side` x `side` cells. Its triangles are named by each of `primitives`
+/// primitives, from indices that begin `step` bytes after those of the one before.
 fn repeated(side: u16, primitives: usize, step: usize) -> Vec<u8> {
     let across = side + 1;
     let mut bin: Vec<u8> = Vec::new();
@@ -233,7 +233,7 @@ fn truncated_at_every_length() {
     }
 }
 
-/// Whatever reads must round, write and read again.
+/// A file that can be read must round, write and be read again.
 fn survives(bytes: &[u8], format: Format) {
     let limits = Limits { max_vertices: 10_000, max_triangles: 10_000, max_bytes: 1 << 20 };
     let Ok((mesh, layout)) = read(bytes, format, &limits, &|| false) else { return };

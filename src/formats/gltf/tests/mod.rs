@@ -1,4 +1,4 @@
-//! What reading and writing promise, over every small document.
+//! The guarantees of reading and writing, on every small document.
 
 mod documents;
 mod hostile;
