@@ -1,14 +1,14 @@
-//! Tells the tests what this machine has beside the toolchain, so that a test that needs more is
-//! reported as ignored where it is missing, never as passed.
+//! Sets flags for what this machine has beside the toolchain. A test that needs more is then
+//! reported as ignored if it is missing, never as passed.
 //!
-//! - `shared_meshes`: the folder of test meshes is there (`$QUADMARK_MESHES`, else
+//! - `shared_meshes`: the folder of test meshes exists (`$QUADMARK_MESHES`, else
 //!   `../shared/meshes`; they are not part of the repository).
-//! - `can_mount`: this user may mount a file system (Linux, root or as good as).
+//! - `can_mount`: this user may mount a file system (Linux, root or an equal).
 //! - `has_curl`, `has_cc`, `has_strace`, `has_client_generator` (openapi-python-client): these
-//!   programs (and `sh`) can be run.
+//!   programs, and `sh`, can be run.
 //!
-//! Cargo runs this again when the variable or `PATH` changes, not when a folder or a program
-//! appears: `touch build.rs` then. The program itself does not depend on any of this.
+//! Cargo runs this again when the variable or `PATH` changes, but not when a folder or a program
+//! appears: then run `touch build.rs`. The program itself does not depend on any of this.
 
 use std::env;
 use std::path::{Path, PathBuf};
@@ -33,7 +33,7 @@ fn main() {
     }
 }
 
-/// Where the test meshes lie; `tests/support` looks in the same place.
+/// The folder of the test meshes. `tests/support` uses the same one.
 fn meshes() -> PathBuf {
     let beside = || {
         let package = env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What marked files take in the store, and what compressing them costs beside marking.
+//! The size of marked files in the store, and the time for compressing them compared with marking.
 //!
 //! ```text
 //! cargo bench --bench at_rest -- FILE...
@@ -17,7 +17,7 @@ use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message};
 use sha2::{Digest, Sha256};
 
-/// The best of three runs, and what the last one made.
+/// The best time of three runs, and the result of the last.
 fn timed<T>(work: impl Fn() -> T) -> (T, Duration) {
     let run = || {
         let start = Instant::now();

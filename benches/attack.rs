@@ -1,12 +1,13 @@
-//! One attack on one file, as a file: for comparing with other programs (`benches/metro/attacks.py`).
+//! Applies one attack to one file and writes a file, for comparison with other programs
+//! (`benches/metro/attacks.py`).
 //!
 //! ```text
 //! cargo bench --bench attack -- IN OUT.obj NAME [SEED]
 //! cargo bench --bench attack -- IN OUT.obj FAMILY AMOUNT [MORE]
 //! ```
 //!
-//! A name is one of `attacks::named`, such as `voxel-0.5` or `crop-30+noise-0.5`; a wrong one lists
-//! them all. Families are called as that script calls them:
+//! A name is one of `attacks::named`, such as `voxel-0.5` or `crop-30+noise-0.5`. A wrong name
+//! lists them all. Families have the names of that script:
 //!
 //! `noise 0.003`, `smoothing 0.5 10`, `quantisation 8`, `simplification 0.9`, `remeshing 0.6`,
 //! `midpoint`, `butterfly`, `loop`, `sqrt3`, `cropping 0.3`.
@@ -41,7 +42,7 @@ fn named(family: &str, amounts: &[f64]) -> Attack {
     }
 }
 
-/// With all digits, so that what is measured is not the writing.
+/// Writes all digits, so that the measurement does not depend on rounding in the file.
 fn exact_obj(mesh: &Mesh) -> String {
     let mut text = String::new();
     for p in mesh.positions() {

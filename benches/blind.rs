@@ -1,14 +1,15 @@
 //! Whether a mark is still found when the blind frame is damaged: match rates per attack and mesh,
-//! against 100,000 other records.
+//! among 100,000 other records.
 //!
 //! ```text
 //! cargo bench --bench blind -- [--runs 3] [--others 100000] [--methods exact-mean,qsp-mean] FILE...
 //! ```
 //!
-//! Strength 0.1, 64 bits. Per attack: how many of the runs (other keys and messages) match (a bound
-//! below 1e-9, counted as the service counts) in the blind frame, after the small layout search
-//! (`near`), the full one and the wide one (with `--wide`); the worst
-//! bound of the full search and the longest time of each search. Without files: a generated mesh.
+//! The marks have the default strength and 64 bits. Per attack: how many of the runs, with other
+//! keys and messages, match in the blind frame, after the small layout search (`near`), after the
+//! full one, and after the wide one (with `--wide`); the worst bound of the full search; the
+//! longest time of each search. A match is a bound below 1e-9, counted as the service counts.
+//! Without files: a generated mesh.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 mod attacks;
@@ -78,7 +79,8 @@ fn draw(random: &mut ChaCha20Rng) -> (MarkKey, Message) {
     (MarkKey::from_bytes(key), Message::from_bytes(&message, BitCount::default()).unwrap())
 }
 
-/// The bound of record 0, counted, and its wrong bits; what is not found has none.
+/// The bound of record 0 with its hypotheses counted, and its wrong bits; 0 and 64 if it is not
+/// found.
 fn bound(search: &Search, share: f64) -> (f64, usize) {
     let counted = (search.hypotheses as f64 / share).log10();
     let own = search.candidates.iter().find(|candidate| candidate.id == 0);

@@ -1,15 +1,15 @@
-//! What the exact tail gains over Chernoff's bound, and what it costs.
+//! What the exact tail gains over Chernoff's bound, and its cost.
 //!
 //! ```sh
 //! cargo bench --bench bound
 //! ```
 //!
-//! Weights are sizes of normal deviates, capped at their median as `SoftBits` caps them, and whole
-//! multiples of 2^-12 of the cap, so that the truth can be counted. Scores are those whose Chernoff
-//! bound is 10^-3, 10^-6, 10^-9 and 10^-12. Per number of bins: the decades gained over Chernoff
-//! (least, mean, most), the most that is lost to the grid, and the times of one bound, of each
-//! further score of the same weights and of the sieve's least score, as multiples of one Chernoff
-//! bound's.
+//! Weights are absolute values of normal deviates, capped at their median as `SoftBits` caps them.
+//! They are whole multiples of 2^-12 of the cap, so that the true tail can be counted. Scores are
+//! those whose Chernoff bound is 10^-3, 10^-6, 10^-9 and 10^-12. Per number of bins: the decades
+//! gained over Chernoff (least, mean, most); the most that is lost to the grid; and, in multiples
+//! of the time of one Chernoff bound, the times of one bound, of each further score of the same
+//! weights, and of the sieve's least score.
 #![expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a benchmark")]
 
 use std::f64::consts::LOG10_2;
@@ -32,7 +32,7 @@ fn weights(bins: usize, random: &mut Random) -> Vec<f64> {
     sizes.iter().map(|w| (w / cap * STEPS).ceil()).collect()
 }
 
-/// log10 of how many subsets, of all, have a sum of at most 0, 1, ... steps.
+/// log10 of the share of subsets whose sum is at most 0, 1, ... steps.
 fn truth(weights: &[f64]) -> Vec<f64> {
     let total: f64 = weights.iter().sum();
     let limit = (0.5 * total) as usize;
@@ -61,7 +61,7 @@ fn score(weights: &[f64], bound: f64) -> f64 {
     high
 }
 
-/// Nanoseconds of one run.
+/// Time of one run, in nanoseconds.
 fn time<T>(mut run: impl FnMut() -> T) -> f64 {
     const RUNS: u32 = 200;
     let start = Instant::now();

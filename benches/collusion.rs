@@ -1,16 +1,16 @@
-//! Collusion: recipients average their copies. Who is still named?
+//! Collusion: recipients average their copies. Which of them are still named?
 //!
 //! ```text
 //! cargo bench --bench collusion -- [--methods exact-mean] [--bits 64] [--strength 0.1]
-//!     [--recipients 30] [--others 100000] [--seed 1] FILE...
+//!     [--recipients 30] [--others 100000] FILE...
 //! ```
 //!
-//! Each host is marked for so many recipients and kept, in a registry with so many records of others.
-//! Groups of 1, 2, 3, 5 and 10 of the recipients average their copies, each recipient in one group of
-//! each size. Per size, of a verification at standard depth: how many of the colluders are named by a
-//! match, how many who are not (which must not be), the median and the worst `log10_fp` of
-//! colluders, and how many a blind reader would have named. Without files: generated meshes of 40,000
-//! vertices.
+//! Each host is marked for `--recipients` recipients and kept, in a registry with `--others` other
+//! records. Groups of 1, 2, 3, 5 and 10 recipients average their copies; each recipient is in one
+//! group of each size. Per size, of a verification at standard depth: how many of the colluders are
+//! named by a match, how many others are named (there must be none), the median and the worst
+//! `log10_fp` of colluders, and how many a blind reader would have named. Without files: generated
+//! meshes of 40,000 vertices.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 #[path = "support/marks.rs"]
@@ -33,13 +33,13 @@ const GROUPS: [usize; 5] = [1, 2, 3, 5, 10];
 /// log10 of the bound below which a verdict is a match.
 const MATCH: f64 = -9.0;
 
-/// What the blind stage's bounds are multiplied by, as log10: all records, a sixteenth of the error
+/// log10 of the factor on the blind stage's bounds: all records, and a sixteenth of the error
 /// probability.
 fn counted(records: usize) -> f64 {
     (records as f64).log10() + 1.204_12
 }
 
-/// Each vertex in the middle of where the copies have it.
+/// The mean of the copies, vertex by vertex.
 fn average(copies: &[(&Mark, Mesh)]) -> Mesh {
     let count = copies.len() as f64;
     let first = &copies[0].1;

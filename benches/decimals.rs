@@ -4,10 +4,10 @@
 //! cargo bench --bench decimals -- --strength 0.1 FILE...
 //! ```
 //!
-//! Prints one row per file that can be marked: coordinates that changed, those of them with more
-//! decimals than their token has in the host (told from both texts, not from the program's own count),
-//! MRMS as a share of the diagonal, rounds of the closed loop, smallest margin, bytes of the marked file
-//! over those of the host; at the end the sums. Files that are refused are counted.
+//! Prints one row per file that can be marked: coordinates that changed; those of them with more
+//! decimals than their token has in the host, counted from both texts and not by the program; MRMS
+//! as a share of the diagonal; rounds of the closed loop; smallest margin; bytes of the marked file
+//! over those of the host. The sums are at the end. Refused files are counted.
 
 #![allow(clippy::unwrap_used, reason = "a benchmark may stop")]
 #![allow(clippy::pedantic)]
@@ -16,7 +16,8 @@ use quadmark::formats::Limits;
 use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::watermark::{EmbedParams, MarkKey, Message, Strength};
 
-/// The coordinates of all `v` lines, by a reader of its own. (No file here continues lines.)
+/// The coordinates of all `v` lines, by an independent reader. It does not read continued lines,
+/// which no file here has.
 fn coordinates(bytes: &[u8]) -> Vec<String> {
     let text = String::from_utf8_lossy(bytes);
     let mut found = Vec::new();
@@ -29,7 +30,7 @@ fn coordinates(bytes: &[u8]) -> Vec<String> {
     found
 }
 
-/// Digits behind the point, less the exponent.
+/// Number of digits after the decimal point, minus the exponent.
 fn decimals(token: &str) -> i64 {
     let token = token.to_ascii_lowercase();
     let (mantissa, exponent) = token.split_once('e').unwrap_or((&token, "0"));

@@ -1,15 +1,16 @@
-//! What a verification costs: every file below a folder is registered if it can be marked, then every
-//! readable file is verified as it is, and every marked one as it was handed out and moved.
+//! The cost of verifications. Every file below a folder is registered if it can be marked. Then
+//! every readable file is verified as it is, and every marked file as it was handed out and after a
+//! move.
 //!
 //! ```text
 //! cargo bench --bench effort -- [--only WORD] [--data DIR] FOLDER
 //! ```
 //!
-//! Prints the slowest ten by CPU time (all threads of this process, where nothing else runs) beside
-//! what the law allows, and ends with an error where one takes longer. The law is
-//! `1 s + SUSPECT * elements of the suspect + HOSTS * elements of all listed hosts`, where elements
-//! are vertices and triangles together. With `--only` just the files whose path has the word are
-//! verified; all are registered.
+//! Prints the slowest ten by CPU time of all threads of this process, which does nothing else,
+//! beside the time that the law allows. Ends with an error if one takes longer. The law is `1 s +
+//! SUSPECT * elements of the suspect + HOSTS * elements of all listed hosts`, where elements are
+//! vertices and triangles together. With `--only`, only files whose path has the word are verified,
+//! but all are registered.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 #[path = "support/seeded.rs"]
@@ -29,12 +30,12 @@ use quadmark::watermark::{BitCount, Method, Strength, Suspect};
 use rustix::time::{ClockId, clock_gettime};
 use service::{Bench, Kind};
 
-/// Seconds of CPU per element: the constants of the law.
+/// The constants of the law: CPU seconds, fixed and per element.
 const FIXED: f64 = 1.0;
 const SUSPECT: f64 = 20e-6;
 const HOSTS: f64 = 20e-6;
 
-/// Verifications that are printed.
+/// Number of verifications that are printed.
 const SLOWEST: usize = 10;
 
 /// CPU seconds of this process so far.
@@ -70,7 +71,7 @@ fn readable(path: &Path, folder: &Path) -> Option<Readable> {
     Some(Readable { name, bytes })
 }
 
-/// The same surface elsewhere.
+/// The same surface, turned, scaled and moved.
 fn moved(bytes: &[u8]) -> Vec<u8> {
     let mesh = Asset::read(bytes, &Limits::default()).unwrap().into_mesh();
     let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 1.1);
@@ -158,7 +159,7 @@ fn cost(what: String, seconds: f64, verification: &Verification) -> Cost {
     Cost { what, seconds, allowed, suspect, hosts, verdict }
 }
 
-/// What a table is sorted by.
+/// The value that a table is sorted by.
 type Rank = fn(&Cost) -> f64;
 
 fn report(mut costs: Vec<Cost>) {

@@ -1,4 +1,4 @@
-//! What a mark costs: distortion of every method on given meshes, closed loop, averaged over keys.
+//! The cost of a mark: distortion of every method on given meshes, closed loop, averaged over keys.
 //!
 //! ```text
 //! cargo bench --bench fidelity -- --keys 10 --strength 0.1 FILE...
@@ -65,7 +65,7 @@ fn options() -> Options {
     options
 }
 
-/// Keys and messages that differ from run to run of this loop but never from day to day.
+/// Keys and messages that differ between runs of this loop but not between runs of the program.
 fn key_and_message(number: u8) -> (MarkKey, Message) {
     let key = std::array::from_fn(|i| number.wrapping_mul(37).wrapping_add(i as u8 * 11));
     let seed = u64::from(number).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x5851_f42d_4c95_7f2d;

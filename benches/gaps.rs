@@ -1,4 +1,4 @@
-//! Why some of our figures differ from those of Luo and Bors 2009: what subdivision, strong
+//! Why some of our results differ from those of Luo and Bors 2009: what subdivision, strong
 //! simplification, coarse grids and noise leave of a mark, by how it was made and by the frame in
 //! which it is read.
 //!
@@ -8,7 +8,7 @@
 //!
 //! Per line: the share of bits read right in the suspect's own frame (blind), about its own centre
 //! with the host's range of norms, about the host's centre with its own range, and in the host's
-//! frame; then how far the centre moved and how much the range of norms shrank, both in bins.
+//! frame. Then, in bins: how far the centre moved and how much the range of norms shrank.
 
 #![expect(clippy::expect_used, reason = "a benchmark may stop")]
 
@@ -45,7 +45,7 @@ fn main() {
     }
 }
 
-/// An attack, how often, and its name.
+/// An attack, how often it is applied, and its name.
 const ATTACKS: [(Attack, usize, &str); 9] = [
     (Attack::None, 1, "nothing"),
     (Attack::Midpoint, 1, "midpoint"),

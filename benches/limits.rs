@@ -1,15 +1,16 @@
-//! How closely `max_distortion` uses its limits, and how often a codeword is refused at first.
+//! How closely marks use the limit of `max_distortion`, and how often a codeword is refused at
+//! first.
 //!
 //! ```text
 //! cargo bench --bench limits -- --keys 10 --bits 32 --method exact-mean [--layers both] [--limits 1e-4]
 //!     FILE...
 //! ```
 //!
-//! Without files: five generated meshes. Prints one row per mesh and limit (how many codewords took the
-//! fitted strength; how many strengths were refused, in all and of the one that was refused most; the
-//! mean strength; the mean and the largest MRMS as a share of the limit; seconds per mark; and how many
-//! marks have the blind layer) and, at the end, the sums,
-//! with what the refusals cost in decades of a bound (the charge of the n-th of a series of tries).
+//! Without files: five generated meshes. Prints one row per mesh and limit: how many codewords took
+//! the fitted strength; how many strengths were refused, in all and of the mark with the most; the
+//! mean strength; the mean and the largest MRMS as a share of the limit; seconds per mark; and how
+//! many marks have the blind layer. The sums are at the end, with the cost of the refusals in
+//! decades of a bound (the charge of the n-th of a series of tries).
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a benchmark may stop")]
 #![allow(clippy::pedantic)]
@@ -76,7 +77,7 @@ fn options() -> Options {
     options
 }
 
-/// Keys and messages that differ from run to run of this loop but never from day to day.
+/// Keys and messages that differ between runs of this loop but not between runs of the program.
 fn key_and_message(number: u8, bits: BitCount) -> (MarkKey, Message) {
     let key =
         std::array::from_fn(|i| number.wrapping_mul(37).wrapping_add((i as u8).wrapping_mul(11)));
@@ -161,7 +162,7 @@ fn measure(host: &[u8], limit: f64, options: &Options) -> Sum {
         };
         let limit = MaxDistortion::new(limit).unwrap();
         let began = Instant::now();
-        // As the service does where a relief is asked for.
+        // As in the service when a relief is requested.
         let most =
             if options.layers.has_relief() { Strength::BESIDE_A_RELIEF } else { Strength::MAX };
         match mark_within(host, &request, limit, most) {

@@ -1,12 +1,13 @@
-//! What marking and reading cost, with tobj's load of the same bytes as the yardstick.
+//! The time of marking and reading, with tobj's load of the same bytes as the yardstick.
 //!
 //! ```text
 //! cargo bench --bench marking
 //! ```
 //!
-//! On `obj/paper/dragon.obj` of the test meshes (`$QUADMARK_MESHES`, else `../shared/meshes`) when
-//! it is there, else on a generated mesh of its size. The goals: `embed` at most 4 times the
-//! yardstick, `extract` at most 1. Ratios of medians are printed at the end; nothing is asserted.
+//! The file is `obj/paper/dragon.obj` of the test meshes (`$QUADMARK_MESHES`, else
+//! `../shared/meshes`) if it exists, else a generated mesh of its size. The goals: `embed` at most
+//! 4 times the yardstick, `extract` at most 1. Ratios of medians are printed at the end; nothing is
+//! asserted.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 use std::hint::black_box;
@@ -60,7 +61,7 @@ fn main() {
         stop: &|| false,
         layers: Layers::Blind,
         amplitude: Amplitude::default(),
-        // As the service does by default: larger files are not opened in another reader.
+        // As in the service by default: larger files are not opened by another reader.
         independent_check_max_bytes: 16 << 20,
     };
     let marked = mark(&host, &request(Method::QspMean)).unwrap();
@@ -72,7 +73,7 @@ fn main() {
 
     let mut medians = Vec::new();
     let mut measure = |name: &str, work: &dyn Fn()| {
-        // Criterion keeps its figures to itself, so they are taken here as well.
+        // Criterion does not give its figures away, so they are also taken here.
         let mut times = Vec::new();
         criterion.bench_function(name, |bencher| {
             bencher.iter_custom(|rounds| {

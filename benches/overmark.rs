@@ -1,17 +1,17 @@
-//! One mark over the other: a marked file is marked again. Is the older one still found?
+//! Overmarks: a marked file is marked again. Is the older mark still found?
 //!
 //! ```text
 //! cargo bench --bench overmark -- [--methods exact-mean] [--over METHOD] [--bits 64]
 //!     [--strength 0.1] [--runs 6] [--others 100000] FILE...
 //! ```
 //!
-//! Per mesh and run a file is marked and registered, and marked again, once by another owner of the same
-//! registry and once by a stranger, of whose mark the registry knows nothing (by the same method,
-//! unless `over` names another). Per case how many of the older marks are a match, by the stage that
-//! decided, the median and the worst `log10_fp`: over the registry's own, in a verification that asks
-//! about everybody (where the later record names the older one) and in one that asks about the older
-//! owner alone; over the stranger's, in one that asks about everybody. Without files: generated meshes of
-//! 40,000 vertices.
+//! Per mesh and run, a file is marked and registered. Then it is marked again, once by another
+//! owner of the same registry and once by a stranger whose mark is not in the registry. The
+//! overmark has the same method, unless `--over` names another. Per case: how many of the older
+//! marks are a match, by the stage that decided, and the median and the worst `log10_fp`. Over the
+//! registry's own mark, one verification asks about everybody, where the later record names the
+//! older one, and one asks about the older owner alone. Over the stranger's mark, one asks about
+//! everybody. Without files: generated meshes of 40,000 vertices.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 #[path = "support/marks.rs"]

@@ -1,4 +1,5 @@
-//! The acceptance table of detection: marks registered with a service, attacked, and looked for.
+//! The acceptance table of detection: marks are registered with a service, attacked, and searched
+//! for.
 //!
 //! ```text
 //! cargo bench --bench recognition -- [--record] [--keys 2] [--others 100000] [--depth standard]
@@ -6,33 +7,37 @@
 //!     [--wrong] [--strangers DIR] [--data DIR] FILE...
 //! ```
 //!
-//! Every file is marked for so many recipients (the default method, hosts kept) in one registry that
-//! holds so many other records: hosts are prepared once, and each suspect is judged under all keys,
-//! every record named beside its own being a wrong one. A trial is one recipient's copy under one
-//! attack; a round is one trial on each mesh. Suspects are moved by a random similarity in the end
-//! unless the attack's name ends in `+in-place`. `--attacks help` lists the names (`attacks::named`);
-//! to them come `averaged-N` (N recipients' copies, each of whom must be named; made of large meshes
-//! only as far as copies are there), `laundered` (a crop of 30 %, noise of 0.5 %, and registered anew by
-//! somebody else: the answer or a verification of the new copy must name the first record) and
-//! `pipelines` (a hundred of three attacks each, one mesh each).
+//! Every file is marked for `--keys` recipients with the default method, and hosts are kept. The
+//! same registry holds `--others` other records. Hosts are prepared once. Each suspect is judged
+//! under all keys, and every named record but its own is a wrong one. A trial is one recipient's
+//! copy under one attack; a round is one trial on each mesh. Suspects are moved by a random
+//! similarity at the end, unless the attack's name ends in `+in-place`. `--attacks help` lists the
+//! names (`attacks::named`). There are three more:
 //!
-//! **Trials stop early.** Where a share is asked for, outcomes of all meshes go into Wald's sequential
-//! test of that share (at most 0.99) against 0.15 less, with errors of 5 % (`lab::sequential`): an attack
-//! asked for always is met after 18 trials without a failure and missed after two failures in the first
-//! ones. No attack has more rounds than keys, others as many as `--report` (2). Rounds go over all
-//! attacks in turn, so that `--minutes` ends the run with all rows alike far.
+//! - `averaged-N`: N recipients' copies are averaged, and each recipient must be named. A large
+//!   mesh takes part only if it has enough copies.
+//! - `laundered`: a crop of 30 % and noise of 0.5 %, then registered anew by somebody else. The
+//!   answer or a verification of the new copy must name the first record.
+//! - `pipelines`: a hundred pipelines of three attacks, each on one mesh.
 //!
-//! The table is Markdown: right / wrong / none per mesh, the sum, the decision, the mean log10 of the
-//! bound where the record was told, how many bits the blind reader of the paper has right, and what
-//! decided. `--wrong` adds files that carry nothing, the hosts and generated meshes, under all attacks:
-//! each is judged under all keys at once, and right is no match. `--strangers` adds all files below a
-//! folder that can be read: as they are, marked by somebody else, and those under an attack in turn.
-//! A record that is named wrongly is reported at once.
+//! **Trials stop early.** If a share is required, outcomes of all meshes go into Wald's sequential
+//! test of that share (at most 0.99) against 0.15 less, with errors of 5 % (`lab::sequential`). A
+//! required share of 1 is met after 18 trials without a failure, and missed after two failures in
+//! the first trials. No attack has more rounds than keys. Attacks without a required share have
+//! `--report` rounds (2). Each round goes over all attacks, so that `--minutes` ends the run with
+//! all rows equally far.
+//!
+//! The table is Markdown: right / wrong / none per mesh, the sum, the decision, the mean log10 of
+//! the bound where the record was reported, how many bits the paper's blind reader has right, and
+//! the stages that decided. `--wrong` adds files without a mark, the hosts and generated meshes,
+//! under all attacks. Each is judged under all keys at once, and no match is right. `--strangers`
+//! adds all readable files below a folder: as they are, marked by somebody else, and the latter
+//! under one attack each. A wrongly named record is reported at once.
 //!
 //! `--record` is the whole acceptance list with ten keys, two jobs and the wrong files, within 85
-//! minutes. Attacks follow from the seed and the names. Marks are drawn anew, unless `--data` names a
-//! directory of an earlier run. Attacked copies are verified as binary glTF, what was not attacked as it
-//! was handed out. Without files: a generated mesh.
+//! minutes. Attacks follow from the seed and the names. Marks are drawn anew, unless `--data` names
+//! a directory of an earlier run. Attacked copies are verified as binary glTF; a file that was not
+//! attacked is verified as it was handed out. Without files: a generated mesh.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 #[path = "support/acceptance.rs"]
@@ -65,9 +70,9 @@ use rand_chacha::rand_core::SeedableRng;
 use service::{Bench, Kind, Mark};
 use tokio::runtime::Runtime;
 
-/// A record is named by a match below this.
+/// A match with a bound below this, as log10, names a record.
 const MATCH: f64 = -9.0;
-/// Copies beyond the keys are made only where all of them together have fewer vertices.
+/// Copies beyond the keys are made only if all of them together have fewer vertices than this.
 const MOST_VERTICES: usize = 2_000_000;
 
 struct Options {
@@ -174,7 +179,7 @@ fn parsed(bytes: &[u8]) -> Mesh {
 struct Table<'a> {
     options: &'a Options,
     hosts: &'a [Host],
-    /// Per host its marks, by number.
+    /// The marks of each host, by number.
     marks: Vec<Vec<Mark>>,
     bench: Bench,
     runtime: &'a Runtime,
@@ -187,7 +192,7 @@ fn named_by(verification: &Verification) -> impl Iterator<Item = &Match> {
     verification.matches.iter().filter(move |m| found && m.log10_fp < MATCH)
 }
 
-/// Does so many things in a number of threads; the results in order.
+/// Calls `of` for the numbers below `count` in `jobs` threads; the results in order.
 fn all<T: Send>(jobs: usize, count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {
@@ -218,7 +223,7 @@ impl Table<'_> {
         }
     }
 
-    /// Marks hosts until each has so many copies, where that is not too much.
+    /// Marks hosts until each has `copies` copies. Large hosts get at most one per key.
     fn mark(&mut self, copies: usize) {
         let wanted = |host: &Host| {
             let few = copies * host.mesh.positions().len() <= MOST_VERTICES;
@@ -290,7 +295,7 @@ impl Table<'_> {
         expected.iter().enumerate().map(judge).collect()
     }
 
-    /// One trial; `None` when the attack leaves nothing.
+    /// One trial; `None` if the attack leaves no mesh.
     fn trial(&self, case: &Case, at: usize, round: usize) -> Option<Vec<Outcome>> {
         let (host, mark) = (&self.hosts[at], &self.marks[at][round]);
         let params = EmbedParams { method: mark.record.method, ..EmbedParams::default() };
@@ -367,7 +372,7 @@ impl Table<'_> {
         }
     }
 
-    /// Fills the rows: round after round, what is plain left out.
+    /// Fills the rows, round by round, without rows that are decided.
     fn fill(&mut self, rows: &mut [Row]) {
         self.mark(self.options.keys);
         let cases = &self.options.cases;
@@ -381,7 +386,7 @@ impl Table<'_> {
             }
             println!("round {round} after {:.0} s", self.start.elapsed().as_secs_f64());
         }
-        // What has one round, and what registers more.
+        // Then cases with one round, and cases that register more marks.
         for (case, row) in cases.iter().zip(rows.iter_mut()) {
             match case.kind {
                 cases::Kind::Averaged(copies) if !self.time_is_up() => {
@@ -401,7 +406,7 @@ impl Table<'_> {
         }
     }
 
-    /// Files that carry nothing under all attacks, judged under all keys at once.
+    /// Files without a mark, under all attacks, judged under all keys at once.
     fn wrong_files(&self) {
         let generated = Sample::ALL.map(Host::generated);
         let mut files: Vec<&Host> = self.hosts.iter().chain(&generated).collect();
@@ -432,7 +437,8 @@ impl Table<'_> {
         );
     }
 
-    /// Files that carry none of the marks: themselves, marked by somebody else, and those attacked.
+    /// Files without a registered mark: as they are, marked by somebody else, and the latter
+    /// attacked.
     fn strangers(&self, folder: &Path) {
         let mut random = ChaCha20Rng::from_seed([9; 32]);
         let strength = self.options.strength.unwrap_or_default();
@@ -459,7 +465,7 @@ impl Table<'_> {
             });
             plain += 1;
             attacks += u32::from(attacked.is_some());
-            // (A host as it is has been tried under all attacks.)
+            // A host as it is was tried under all attacks.
             let own = (!known.contains(&bytes.as_slice())).then_some(bytes);
             for suspect in own.into_iter().chain(other).chain(attacked.map(|mesh| to_glb(&mesh))) {
                 let verification = self.verify(&suspect);
@@ -497,7 +503,7 @@ fn main() {
     let temporary = tempfile::tempdir().unwrap();
     let data = options.data.clone().unwrap_or_else(|| temporary.path().join("data"));
     let mut hosts = Host::all(&options.files);
-    // The large ones first: the others fill the time beside them.
+    // The large ones first, so that the others fill the time beside them.
     hosts.sort_by_key(|host| std::cmp::Reverse(host.mesh.positions().len()));
     let mut rows: Vec<Row> = options.cases.iter().map(|case| Row::new(case.wanted)).collect();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();

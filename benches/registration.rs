@@ -1,15 +1,15 @@
-//! Whether a suspect is brought home into its host's coordinates, and how precisely.
+//! Whether registration finds a suspect's pose in its host's coordinates, and how precisely.
 //!
 //! ```text
 //! cargo bench --bench registration -- FILE...
 //! ```
 //!
-//! Per mesh and attack: the suspect is the marked mesh (`qsp-mean`, strength 0.1, 64 bits) after the
-//! attack, turned, scaled, moved and with its vertices and triangles in another order; the host is
-//! the unmarked mesh. Printed are the distance between the host's centre and where registration
-//! takes it, in percent of the host's diagonal, the error of rotation and scale, the overlap, and
-//! the time. A success is an error of the centre below 0.05 %. Without files: a generated mesh.
-//! `HOST=SUSPECT` takes a suspect that was attacked already but still is in its host's place, as
+//! Per mesh and attack: the suspect is the marked mesh (default parameters) after the attack,
+//! turned, scaled, moved and with its vertices and triangles in another order; the host is the
+//! unmarked mesh. Printed are the distance between the host's centre and where registration takes
+//! it, in percent of the host's diagonal, the error of rotation and scale, the overlap, and the
+//! time. A success is an error of the centre below 0.05 %. Without files: a generated mesh.
+//! `HOST=SUSPECT` takes a suspect that is already attacked but still in its host's pose, as
 //! `benches/tessellations.py` makes them.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
@@ -61,7 +61,7 @@ const ATTACKS: [Attack; 20] = [
     ("clustered 150, crop 80 %", |m, r| cropped(&clustered(m, 150.0), 0.2, r)),
 ];
 
-/// Another place, another order.
+/// The mesh in another pose and in another order.
 fn shuffled(mesh: &Mesh, place: &Similarity, random: &mut ChaCha20Rng) -> Mesh {
     let n = mesh.positions().len();
     let mut order: Vec<usize> = (0..n).collect();
@@ -72,7 +72,7 @@ fn shuffled(mesh: &Mesh, place: &Similarity, random: &mut ChaCha20Rng) -> Mesh {
     let mut positions = Vec::with_capacity(n);
     for (new, &old) in (0..).zip(&order) {
         new_of[old] = new;
-        // Stored as most files store them.
+        // Rounded as most files store them.
         #[expect(clippy::cast_possible_truncation, reason = "to 32 bits, on purpose")]
         let single = |x: f64| f64::from(x as f32);
         let p = place.apply(mesh.positions()[old]);
@@ -120,7 +120,7 @@ impl Prepared {
         Self { host, centre, diagonal }
     }
 
-    /// Moves, registers, prints; says whether it succeeded.
+    /// Moves a mesh, registers it and prints a row; `true` if it succeeded.
     fn attempt(&self, attack: &str, mesh: &Mesh, random: &mut ChaCha20Rng) -> bool {
         let Self { host, centre, diagonal } = self;
         let place = Similarity {

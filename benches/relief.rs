@@ -1,13 +1,13 @@
-//! The relief alone (method section 8): what it costs and what is read of it under attacks, in place.
+//! The relief alone (method section 8): its cost, and what is read of it under attacks, in place.
 //!
 //! ```text
 //! cargo bench --bench relief -- [--keys 10] [--amplitude 8.5e-5] [--attacks none,s90,...] FILE...
 //! ```
 //!
-//! Per file and attack: median and worst (over the keys) of log10 of the bound for the record's own key,
-//! one hypothesis, nothing counted; the largest score of other keys in standard deviations; the median
-//! time of a reading as a multiple of that of preparing the host's surface. Without files: a generated
-//! mesh. Averages are of the reliefs of so many keys.
+//! Per file and attack: the median and the worst, over the keys, of log10 of the bound for the
+//! record's own key, one hypothesis, nothing counted; the largest score of other keys in standard
+//! deviations; the median time of a reading as a multiple of the time for preparing the host's
+//! surface. Without files: a generated mesh. Averages are of the reliefs of that many keys.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 use std::time::Instant;
@@ -23,7 +23,7 @@ use quadmark::relief::{Amplitude, ReliefHost, ReliefReading, Signs};
 use quadmark::sample::Sample;
 use quadmark::watermark::{EmbedParams, MarkKey};
 
-/// Name, steps, and how many copies are averaged first.
+/// Name, steps, and the number of copies that are averaged first.
 type Case = (&'static str, &'static [Attack], u8);
 
 const CASES: &[Case] = &[

@@ -1,12 +1,12 @@
-//! What the blind reader still reads after an attack: noise and quantisation, as in the paper.
+//! What the blind reader still reads after noise and quantisation, as in the paper.
 //!
 //! ```text
 //! cargo bench --bench robustness -- FILE...
 //! ```
 //!
-//! Per mesh and attack, over ten keys and messages (`qsp-mean`, strength 0.1, 64 bits): the share of
-//! wrong bits, the mean and the worst `log10` of the false-positive bound for one record, and how
-//! many of the ten a verdict would call a match (a bound below -9). Without files: a generated mesh.
+//! Per mesh and attack, over ten keys and messages (`qsp-mean`, strength 0.1, 64 bits): the share
+//! of wrong bits, the mean and the worst `log10` of the false-positive bound for one record, and
+//! how many of the ten are a match (a bound below -9). Without files: a generated mesh.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 use glam::DVec3;
@@ -33,8 +33,8 @@ fn moved(mesh: &Mesh, new: impl FnMut(&DVec3) -> DVec3) -> Mesh {
     Mesh::new(mesh.positions().iter().map(new).collect(), mesh.triangles().to_vec()).unwrap()
 }
 
-/// The paper's eq. 23: each vertex by `share` of the largest distance from the middle, in a random
-/// direction.
+/// The paper's eq. 23: moves each vertex by `share` of the largest distance from the centre, in a
+/// random direction.
 fn noise(mesh: &Mesh, share: f64, random: &mut ChaCha20Rng) -> Mesh {
     let count = mesh.positions().len() as f64;
     let middle = mesh.positions().iter().sum::<DVec3>() / count;
@@ -48,7 +48,7 @@ fn noise(mesh: &Mesh, share: f64, random: &mut ChaCha20Rng) -> Mesh {
     })
 }
 
-/// Coordinates on a grid of `2^bits` steps over the longest side of the bounding box.
+/// Rounds coordinates to `2^bits` levels over the longest side of the bounding box.
 fn quantised(mesh: &Mesh, bits: i32) -> Mesh {
     let low = mesh.positions().iter().copied().reduce(DVec3::min).unwrap();
     let high = mesh.positions().iter().copied().reduce(DVec3::max).unwrap();

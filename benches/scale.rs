@@ -1,16 +1,16 @@
-//! A large registry: how long the start takes, what a verification costs, how much memory it needs.
+//! A large registry: the time of the start, the cost of a verification, and the memory it needs.
 //!
 //! ```text
 //! cargo bench --bench scale -- [--records 1000000] [--data DIR] [--index 10000000] [FILE.obj]
 //! ```
 //!
-//! Makes a data directory with so many records of random salts and messages (kept and used again
-//! when `--data` names one that is there), starts the service over HTTP in this process, and
-//! measures: the start; `POST /v1/verifications` of an unmarked file at every depth, so that all
-//! stages run, as a multiple of tobj's load of the file; marking the file, finding a copy with a
-//! stray triangle, revoking the mark, not finding it; memory. `--index` instead fills an index
-//! alone and prints what it needs. Without a file: `obj/paper/dragon.obj` of the test meshes, else a
-//! generated mesh of its size.
+//! Makes a data directory with `--records` records of random salts and messages; an existing
+//! directory that `--data` names is kept and used again. It starts the service over HTTP in this
+//! process, and measures: the start; `POST /v1/verifications` of an unmarked file at every depth,
+//! so that all stages run, as a multiple of tobj's load of the file; marking the file, finding a
+//! copy with a stray triangle, revoking the mark, not finding it; memory. `--index` instead fills
+//! an index alone and prints what it needs. Without a file: `obj/paper/dragon.obj` of the test
+//! meshes, else a generated mesh of its size.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 #[path = "support/seeded.rs"]
@@ -53,7 +53,7 @@ fn options() -> Options {
     options
 }
 
-/// Resident memory of this process now, and the most there was, in MiB.
+/// Resident memory of this process, now and at most, in MiB.
 fn memory() -> (u64, u64) {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let field = |name: &str| -> u64 {
@@ -82,7 +82,7 @@ impl Client {
     }
 }
 
-/// With a triangle far off, so that the blind frame is of no use.
+/// The file with a far triangle, so that the blind frame is useless.
 fn damaged(marked: &[u8]) -> Vec<u8> {
     let mut bytes = marked.to_vec();
     bytes.extend_from_slice(b"\nv 90 90 90\nv 90.001 90 90\nv 90 90.001 90\nf -1 -2 -3\n");
@@ -162,7 +162,7 @@ async fn run(options: Options, data: &Path) {
     println!("memory {after} MiB, {most} MiB at most");
 }
 
-/// What an index alone needs.
+/// Memory and time that an index alone needs.
 fn fill(records: u64) {
     let mut random = ChaCha20Rng::from_seed([5; 32]);
     let message = Message::from_bytes(&[0; 8], BitCount::default()).unwrap();

@@ -1,14 +1,14 @@
-//! The short list by itself: whether a suspect finds its record among many, and how fast.
+//! The short list alone: whether a suspect finds its record among many, and how fast.
 //!
 //! ```text
 //! cargo bench --bench shortlist -- FILE...
 //! ```
 //!
 //! The index holds the files, 1,500 bent variants of generated shapes, and random sketches up to
-//! 100,000 records; then up to a million, for the time. Sketches are of the hosts; suspects are of
-//! the marked meshes (`qsp-mean`, strength 0.1), in another place, and attacked. Printed per attack:
-//! how often the record came first and among the first ten, by parts and by outline, and the time
-//! of a query. Without files: generated shapes.
+//! 100,000 records; then up to a million, for the time. Sketches are of the hosts. Suspects are the
+//! marked meshes (default parameters), attacked and then moved. Printed per attack: how often the
+//! record came first and among the first ten, by parts and by outline, and the time of a query.
+//! Without files: generated shapes.
 #![expect(clippy::unwrap_used, reason = "a benchmark may stop")]
 
 use std::time::Instant;
@@ -95,7 +95,7 @@ fn variant(number: u32, random: &mut ChaCha20Rng) -> Mesh {
     Mesh::new(mesh.positions().iter().map(bent).collect(), mesh.triangles().to_vec()).unwrap()
 }
 
-/// A sketch like that of a mesh of some ten thousand vertices, its outline like one of `outlines`.
+/// A sketch as of a mesh of some ten thousand vertices, with an outline like one of `outlines`.
 fn filler(outlines: &[ShapeDescriptor], random: &mut ChaCha20Rng) -> Sketch {
     let hashes = (0..HASHES).map(|_| random.next_u64() >> 7).collect();
     let model = outlines[random.next_u32() as usize % outlines.len()];

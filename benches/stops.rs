@@ -1,14 +1,15 @@
-//! How long each stage of the service goes on without asking whether it should stop, on a mesh of 3
-//! million vertices: the largest gap between two questions, or between a question and the beginning or
-//! the end of the stage. `cargo bench --bench stops [-- VERTICES]`.
+//! How long each stage of the service runs without calling `stop`, on a mesh of 3 million vertices:
+//! the largest gap between two calls, or between a call and the beginning or the end of the stage.
+//! `cargo bench --bench stops [-- VERTICES]`.
 //!
-//! Everything runs on one thread and is measured in CPU time of the process, so that a busy machine does
-//! not matter, and what is parallel in the service counts here in full. `tests/stops.rs` holds that the
-//! questions are heeded.
+//! Everything runs on one thread and is measured in CPU time of the process. So a busy machine does
+//! not matter, and what is parallel in the service counts here in full. `tests/stops.rs` checks
+//! that stages end when they are told to.
 //!
-//! On a virtual core of 2026, compiled as the tests are (`--profile dev`), the largest gaps are 169 ms in
-//! looking at a host for a moved copy, 117 ms in making a filter and 100 ms in marking a file; everything
-//! else asks within 95 ms. (Before questions were asked within passes it was up to 9 s.)
+//! On a virtual core of 2026, compiled as the tests are (`--profile dev`), the largest gaps are 169
+//! ms in looking at a host for a moved copy, 117 ms in making a filter and 100 ms in marking a
+//! file. Everything else calls `stop` within 95 ms. Before passes called it inside, gaps were up to
+//! 9 s.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a benchmark")]
 
@@ -38,16 +39,16 @@ use quadmark::watermark::{
 };
 use rustix::time::{ClockId, clock_gettime};
 
-/// Vertices of the mesh.
+/// Number of vertices of the mesh.
 const VERTICES: u32 = 3_000_000;
 
-/// Vertices whose OBJ is as long as a file may be to be opened by another reader, too.
+/// Vertices of a mesh whose OBJ is as long as a file may be that another reader opens, too.
 const CHECKED: u32 = 230_000;
 
-/// Vertices of a mesh on which simplification is rehearsed, too: more triangles are not simplified.
+/// Vertices of a mesh on which simplification is rehearsed, too. With more triangles it is not.
 const SIMPLIFIED: u32 = 39_900;
 
-/// Vertices of the mesh that is rehearsed on: more are not rehearsed.
+/// Vertices of the mesh that is rehearsed on. Larger meshes are not rehearsed.
 const REHEARSED: u32 = 199_000;
 
 type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
@@ -58,7 +59,7 @@ fn cpu() -> f64 {
     now.tv_sec as f64 + 1e-9 * now.tv_nsec as f64
 }
 
-/// When questions were asked.
+/// Times of the calls of `stop`.
 #[derive(Default)]
 struct Asked {
     last: f64,
@@ -118,7 +119,7 @@ fn files(mesh: &Mesh) {
     }
 }
 
-/// The second opinion of another reader, on files as large as it is asked about.
+/// The second opinion of another reader, on files of the largest size that it is asked about.
 fn checking() {
     let mesh = Sample::Knot.mesh(CHECKED).unwrap();
     for (format, bytes) in [(Format::Obj, to_obj(&mesh)), (Format::Glb, to_glb(&mesh))] {

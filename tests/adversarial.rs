@@ -1,5 +1,5 @@
-//! Files made to break readers, and every glTF at hand, through everything that takes a file:
-//! an answer each time, never a panic, and a refusal that says something.
+//! Files made to break readers, and every available glTF, through everything that takes a file.
+//! There must be an answer each time, never a panic, and a refusal must give a reason.
 //!
 //! The files are not part of the repository (see `support::meshes`).
 #![expect(clippy::unwrap_used, reason = "test helpers")]
@@ -15,7 +15,7 @@ use quadmark::watermark::{BitCount, EmbedParams, Method, Modulation};
 
 use support::{bits_read, files_below, key_named, mark_named, meshes};
 
-/// What one file came to.
+/// The result for one file.
 enum Answer {
     Marked,
     Refused(String),
@@ -39,7 +39,7 @@ fn try_all(name: &str, bytes: &[u8]) -> Answer {
     let extracted = extract_file(bytes, &key_named(name), bits, Modulation::Mean, &limits);
     let marked = mark_named(name, bytes, Method::default());
     if let Err(error) = &read {
-        // What cannot be read is refused alike everywhere.
+        // An unreadable file is refused with the same error everywhere.
         let text = refusal("read", name, error);
         assert_eq!(inspected.as_ref().err(), Some(error), "{name}");
         assert_eq!(extracted.as_ref().err(), Some(error), "{name}");
@@ -55,7 +55,7 @@ fn try_all(name: &str, bytes: &[u8]) -> Answer {
         Ok(marked) => {
             let (right, wrong) = bits_read(name, &marked.bytes, Modulation::Mean);
             assert_eq!((right, wrong), (marked.report.usable_bins, 0), "{name}");
-            // Not `markable` always: an inspection speaks of the poorest layout class.
+            // Not necessarily `markable`: an inspection is about the poorest layout class.
             assert!(inspected.unwrap().usable_bins > 0, "{name}");
             Answer::Marked
         }

@@ -1,5 +1,5 @@
-//! The import lines of the design: who may see whom, and which library stays where. Written down
-//! in ARCHITECTURE.md; held here, by a reading of the sources.
+//! The import rules of the design: which module may name which, and which library stays where. They
+//! are written down in ARCHITECTURE.md and checked here, by reading the sources.
 
 mod support;
 
@@ -8,7 +8,8 @@ use std::path::Path;
 
 use support::{files_below, has_extension};
 
-/// Per module (a file or folder of `src`), the modules it may name. Missing: all.
+/// For each module (a file or folder of `src`), the modules that it may name. A module that is
+/// missing here may name all.
 const MAY_SEE: &[(&str, &[&str])] = &[
     ("mesh", &[]),
     ("watermark", &["mesh"]),
@@ -63,7 +64,7 @@ const MAY_SEE: &[(&str, &[&str])] = &[
     ),
 ];
 
-/// Per library, the only places of `src` that may name it.
+/// For each library, the only parts of `src` that may name it.
 const ONLY_IN: &[(&str, &[&str])] = &[
     ("axum", &["http"]),
     ("hyper", &["http"]),
@@ -84,7 +85,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("parry3d_f64", &["mesh", "registration"]),
 ];
 
-/// Words that have no place in a pure module.
+/// Words that must not occur in a pure module.
 const IMPURE: &[&str] =
     &["std::fs", "std::net", "std::time", "std::env", "tokio", "async fn", "getrandom", "tracing"];
 const PURE: &[&str] = &[
@@ -100,8 +101,8 @@ const PURE: &[&str] = &[
     "forecast",
 ];
 
-/// Functions whose last bits differ from platform to platform, as methods; `libm` has them all. (Sums,
-/// products, quotients and square roots are exact by IEEE 754, `powers` has the small powers.)
+/// Methods whose last bits differ from platform to platform; `libm` has all these functions. Sums,
+/// products, quotients and square roots are exact by IEEE 754, and `powers` has the small powers.
 const NOT_THE_SAME_EVERYWHERE: &[&str] = &[
     "powi",
     "powf",
@@ -145,7 +146,7 @@ const NOT_THE_SAME_EVERYWHERE: &[&str] = &[
     "rotate_towards",
     "exp2_f64",
 ];
-/// Where a mark or a reading would differ with them.
+/// Modules where a mark or a reading would differ with them.
 const THE_SAME_EVERYWHERE: &[&str] =
     &["mesh", "watermark", "relief", "registration", "recognition", "formats", "marking", "sample"];
 
@@ -158,9 +159,9 @@ fn calls(code: &str, name: &str) -> bool {
     }) || code.contains(&format!("f64::{name})"))
 }
 
-/// Code alone: without comments, texts and tests (which may use samples and libraries freely).
+/// The code without comments, strings and tests. Tests may use samples and libraries freely.
 fn code_of(source: &str) -> String {
-    // (`mod tests`, or one that other tests see.)
+    // `mod tests`, or a test module that other tests use.
     let begins = |at: &str| source.find(at).unwrap_or(source.len());
     let tests = begins("\n#[cfg(test)]\nmod ").min(begins("\n#[cfg(test)]\npub"));
     let source = &source[..tests];
@@ -189,7 +190,7 @@ fn code_of(source: &str) -> String {
     code
 }
 
-/// Whether `word` stands in `code` as a whole path, followed by `after`.
+/// Whether `word` occurs in `code` as a whole path, followed by `after`.
 fn names(code: &str, word: &str, after: &str) -> bool {
     let is_name = |letter: char| letter.is_alphanumeric() || letter == '_';
     code.match_indices(&format!("{word}{after}")).any(|(at, _)| {
@@ -236,7 +237,7 @@ fn first_name(path: &str) -> String {
     path.chars().take_while(|letter| letter.is_alphanumeric() || *letter == '_').collect()
 }
 
-/// What is wrong with one file of `src`, named by its path without `src/`.
+/// The faults of one file of `src`, named by its path without `src/`.
 fn faults(path: &str, source: &str) -> Vec<String> {
     let module = path.split('/').next().unwrap_or(path).trim_end_matches(".rs");
     let code = code_of(source);
@@ -278,7 +279,7 @@ fn faults(path: &str, source: &str) -> Vec<String> {
     faults
 }
 
-/// Test modules in files of their own, which may use samples and libraries freely.
+/// Whether a file is a test module, which may use samples and libraries freely.
 fn is_test(path: &str) -> bool {
     path.split('/').any(|part| part == "tests" || part == "tests.rs" || part == "test_support.rs")
 }

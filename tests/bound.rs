@@ -1,5 +1,5 @@
-//! The false-positive bound, held against simulation: a million random codewords against suspects of
-//! every kind; the share of them that reaches a bound is never above it.
+//! The false-positive bound, checked by simulation: a million random codewords against suspects of
+//! every kind. The share of them that reaches a bound is never above the bound.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 mod support;
@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 const CODEWORDS: u32 = 1_000_000;
 
-/// Honest records: a fresh key each. (The message does not matter: it is whitened.)
+/// Records with a fresh key each. The message does not matter, since it is whitened.
 fn index(modulation: Modulation) -> CodewordIndex {
     let message = Message::from_bytes(&[0; 8], BitCount::default()).unwrap();
     let mut index = CodewordIndex::default();
@@ -46,13 +46,14 @@ fn assert_bounded(
     let per_record = |hypotheses: u64| hypotheses as f64 / f64::from(CODEWORDS);
     let worth = ReportLimits { log10_bound: -2.0, most: usize::MAX };
     let search = index.search(readings, worth);
-    // Classes differ in how many bin layouts fit them, so the count is a mean: as in a verdict.
+    // Layout classes differ in how many bin layouts fit them, so the count is a mean, as in a
+    // verdict.
     let readings = per_record(search.hypotheses);
     assert!(readings > 0.0, "{what}: nothing was scored");
     for log10_bound in [-2.0, -2.5, -3.0, -3.5, -4.0, -5.0] {
         let reached = search.candidates.iter().filter(|c| c.log10_bound <= log10_bound).count();
         let expected = f64::from(CODEWORDS) * readings * 10_f64.powf(log10_bound);
-        // Four standard deviations and a little: the bound is about a mean.
+        // Four standard deviations and some more, since the bound is about a mean.
         let most = expected + 4.0 * expected.sqrt() + 2.0;
         assert!(reached as f64 <= most, "{what}, {log10_bound}: {reached} of at most {expected}");
     }
@@ -74,7 +75,7 @@ fn suspects() -> Vec<(String, Mesh)> {
     suspects
 }
 
-/// Suspects that nobody generated.
+/// Suspects that are not generated.
 fn scans() -> Vec<(String, Mesh)> {
     let folder = support::meshes("obj");
     let scan = |name: &str| {
@@ -114,7 +115,7 @@ fn assert_all_bounded(suspects: &[(String, Mesh)]) {
     }
 }
 
-/// Codewords of whatever class: a reading that is for one class is as good for their bits.
+/// Codewords of any layout class. A reading for one class is equally good for their bits.
 fn codewords(count: u32) -> Vec<Codeword> {
     let message = Message::from_bytes(&[0; 8], BitCount::default()).unwrap();
     let codeword = |id: u32| {
@@ -125,24 +126,25 @@ fn codewords(count: u32) -> Vec<Codeword> {
     (0..count).into_par_iter().map(codeword).collect()
 }
 
-/// Half of the bins a 1e-13th of the others, and half of those half disagree: a score that is the
-/// whole sum but for rounding. What could as well have disagreed is no evidence.
+/// Half of the bins have 1e-13 of the weight of the others, and half of those disagree. The score
+/// is the whole sum but for rounding. A bin that could equally have disagreed is no evidence.
 #[test]
 fn agreement_counts_only_bins_that_could_have_disagreed() {
     let bits = BitCount::default().get();
     let z = |i: usize| if i.is_multiple_of(2) { 1.0 } else { 1e-13 };
-    // All ones: what the weights are made from. (Half are at the cap, half far below.)
+    // The signs are all ones. Half of the weights are at the cap, half far below.
     let soft = SoftBits::weighted((0..bits).map(z).collect());
     let weights = soft.signed_weights();
     let total: f64 = weights.iter().sum();
     let disagreeing = (0..bits).filter(|i| i % 4 == 1);
     let t = total - disagreeing.map(|i| 2.0 * weights[i]).sum::<f64>();
     assert!(t >= total * (1.0 - 1e-12), "the score is full but for rounding");
-    // The truth: all of the 32 large ones agree, and at most half of the 32 small ones disagree.
+    // The true probability: all 32 large bins agree, and at most half of the 32 small ones
+    // disagree.
     let bound = soft.log10_bound(t);
     let truth = -32.0 * std::f64::consts::LOG10_2 + 0.57_f64.log10();
     assert!(bound >= truth, "{bound} {truth}");
-    // What agrees nearly by chance alone is nearly none.
+    // A bin that agrees nearly by chance is nearly no evidence.
     let faint = SoftBits::weighted((0..bits).map(|i| if i < 40 { 1.0 } else { 1e-17 }).collect());
     let full: f64 = faint.signed_weights().iter().sum();
     let bound = faint.log10_bound(full);
@@ -180,14 +182,14 @@ fn assert_reading_bounded(what: &str, soft: &SoftBits, codewords: &[Codeword]) {
     assert!(beyond as f64 >= 1e-3 * codewords.len() as f64, "{what}: {beyond}");
 }
 
-/// In [-1, 1], for each vertex and axis its own.
+/// A number in [-1, 1] for each vertex and axis.
 fn noise(v: usize) -> DVec3 {
     let one = |k: f64| (((v as f64 + 1.0) * k).sin() * 43_758.545_3).fract();
     DVec3::new(one(12.9898), one(78.233), one(37.719))
 }
 
-/// What host frames and the matched filter read, of one record, from suspects that do not carry its
-/// mark: fresh codewords for the same host and suspect.
+/// What host frames and the matched filter read, for one record, from suspects that do not carry
+/// its mark: fresh codewords for the same host and suspect.
 #[test]
 fn no_more_codewords_reach_a_bound_of_the_host_s_detectors_than_it_says() {
     let codewords = codewords(CODEWORDS);
@@ -256,7 +258,7 @@ fn no_more_keys_reach_a_bound_of_the_relief_than_it_says() {
     };
     let inner = surface.triangles.iter().copied().take(surface.triangles.len() / 8).collect();
     let part = Surface { triangles: inner, ..surface.clone() };
-    // Bent as a whole: long waves that no similarity explains.
+    // Bent as a whole, by long waves that no similarity explains.
     let bent =
         surface.positions.iter().map(|p| *p + 1e-3 * size * DVec3::splat((9.0 * p.x / size).sin()));
     let cases: [(&str, &Surface, Vec<DVec3>); 6] = [

@@ -1,4 +1,4 @@
-//! Recipients who average their copies are still named, each of them.
+//! Each of the recipients who average their copies is still named.
 
 #![allow(clippy::unwrap_used)]
 
@@ -9,11 +9,11 @@ use quadmark::mesh::Mesh;
 use quadmark::sample::{Sample, to_obj};
 use quadmark::watermark::{BitCount, Codeword, EmbedParams, MarkKey, Message, Suspect};
 
-/// log10 of what a bound is multiplied by: 100,000 records, a sixteenth of the error probability.
+/// log10 of the factor on a bound: 100,000 records, and a sixteenth of the error probability.
 const COUNTED: f64 = 5.0 + 1.204_12;
 
-/// A recipient's copy, with 256 bits: with 64, two that average already hide. (By
-/// `benches/collusion.rs`, with other keys one colluder in six of three is not named.)
+/// A recipient's copy, with 256 bits. With 64 bits, two colluders already hide. By
+/// `benches/collusion.rs`, with other keys one colluder in six of three is not named.
 fn copy(host: &[u8], seed: u8) -> (Mesh, Codeword) {
     let bits = BitCount::new(256).unwrap();
     let key = MarkKey::from_bytes([seed; 32]);
@@ -34,7 +34,7 @@ fn copy(host: &[u8], seed: u8) -> (Mesh, Codeword) {
     (mesh, Codeword::new(&key, &message))
 }
 
-/// Each vertex in the middle of where the copies have it.
+/// The mean of the copies, vertex by vertex.
 fn average(copies: &[(Mesh, Codeword)]) -> Mesh {
     let count = copies.len() as f64;
     let at = |v: usize| copies.iter().map(|(copy, _)| copy.positions()[v]).sum::<DVec3>() / count;

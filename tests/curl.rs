@@ -1,4 +1,5 @@
-//! The README's lines, run as printed, and its promise on real meshes with the same requests.
+//! The commands of the README, run as printed, and its promise on real meshes with the same
+//! requests.
 //!
 //! Needs `sh` and `curl`, and in part the shared meshes (see `support::meshes`).
 #![expect(clippy::unwrap_used, clippy::panic, reason = "test helpers")]
@@ -19,7 +20,7 @@ use support::meshes;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_quadmark");
 
-/// A service in a directory of its own, ended on drop.
+/// A service in its own directory, ended on drop.
 struct Served {
     child: Child,
     address: String,
@@ -56,7 +57,7 @@ impl Served {
                 line["address"].as_str().map(str::to_owned)
             })
             .unwrap();
-        // A pipe that nobody reads would stop the service when it is full.
+        // A pipe that nobody reads would block the service once it is full.
         std::thread::spawn(move || lines.for_each(drop));
         Self { child, address, directory }
     }
@@ -110,7 +111,7 @@ fn the_readme_s_lines_do_what_it_says() {
     let readme =
         std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
     let mut blocks = readme.split("```console\n").skip(1).map(|b| b.split("```").next().unwrap());
-    // One script, so that variables live on; each line announces itself.
+    // One script, so that variables persist. Each line announces itself.
     let lines: Vec<&str> =
         blocks.by_ref().flat_map(str::lines).filter_map(|line| line.strip_prefix("$ ")).collect();
     assert!(lines.len() > 10, "{lines:?}");
@@ -155,7 +156,8 @@ fn assert_match(verdict: &Value, id: &str, owner_id: &str, what: &str) {
     assert_eq!(verdict["verdict"], "match", "{what}: {verdict}");
     let best = &verdict["matches"][0];
     assert_eq!((&best["watermark_id"], &best["owner_id"]), (&id.into(), &owner_id.into()));
-    // (How many strengths and questions it is charged for depends on a key that is drawn anew each time.)
+    // The number of strengths and questions that it is charged for depends on a key that is drawn
+    // anew each time.
     let number = |of: &Value| of.as_f64().unwrap();
     let before = number(&best["log10_fp"]) - number(&best["evidence"]["charged"]).log10();
     assert!(before < -15.0, "{what}: {verdict}");
@@ -167,7 +169,7 @@ fn turned(mesh: &Mesh) -> Mesh {
     Mesh::new(positions.collect(), mesh.triangles().to_vec()).unwrap()
 }
 
-/// Vertices and triangles from last to first.
+/// Vertices and triangles in reverse order.
 fn reversed(mesh: &Mesh) -> Mesh {
     let last = u32::try_from(mesh.positions().len()).unwrap() - 1;
     let triangles = mesh.triangles().iter().rev().map(|t| t.map(|corner| last - corner));
@@ -175,7 +177,8 @@ fn reversed(mesh: &Mesh) -> Mesh {
     Mesh::new(positions, triangles.collect()).unwrap()
 }
 
-/// Scaled to a hundred units, so that the six decimals of [`to_obj`] lose nothing of a small mesh.
+/// The mesh scaled to a diagonal of a hundred units, so that the six decimals of [`to_obj`] lose
+/// nothing of a small mesh.
 fn hundred(mesh: &Mesh) -> Mesh {
     let (low, high) = mesh
         .positions()
@@ -247,7 +250,7 @@ fn assert_marked_and_recognised(hosts: &[(String, PathBuf)]) {
         let verdict = served.verify(host.to_str().unwrap());
         assert_eq!(verdict["verdict"], "no_match", "{name}: {verdict}");
     }
-    // Another owner's file, asked about in the name of the first.
+    // Another owner's file, in a request with the first owner's id.
     let script = format!(
         "curl -sS -F file=@{} -F owner_id=owner-of-{} http://127.0.0.1:8080/v1/verifications",
         marks.last().unwrap().2,

@@ -1,8 +1,8 @@
-//! Every glTF and GLB file at hand: none may panic, a refusal must say what to do, and what can
-//! be read must survive a nudge of every vertex exactly.
+//! Every available glTF and GLB file: none may panic, a refusal must say what to do, and what can
+//! be read must survive a small move of every vertex exactly.
 //!
 //! The files are not part of the repository (see `support::meshes`). Set `QUADMARK_TEST_KEEP` to a
-//! folder that shall receive the nudged files for other programs to open.
+//! folder that receives the moved files, for opening them in other programs.
 #![expect(clippy::unwrap_used, clippy::panic, reason = "test helpers")]
 
 mod support;
@@ -25,7 +25,7 @@ fn bits(positions: &[DVec3]) -> Vec<[u64; 3]> {
     positions.iter().map(|p| p.to_array().map(f64::to_bits)).collect()
 }
 
-/// Moves every vertex by a thousandth of the size, each another way.
+/// Moves every vertex by a thousandth of the size, each in another direction.
 fn nudge(asset: &Asset) -> Vec<DVec3> {
     let host = asset.mesh().positions();
     let low = host.iter().copied().reduce(DVec3::min).unwrap();

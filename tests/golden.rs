@@ -11,7 +11,7 @@
 //!
 //! and every later release must still read it.
 //!
-//! Where a case is about where vertices go, its value is a hash of positions, not of a file's text.
+//! If a case is about vertex positions, its value is a hash of positions, not of a file's text.
 #![allow(clippy::unwrap_used, reason = "test helpers")]
 
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ fn schedules() -> Value {
     for (name, key) in keys() {
         for bits in [16, 64, 256] {
             let schedule = Schedule::new(&key, BitCount::new(bits).unwrap());
-            // Bins are below 256: one byte each.
+            // Bin numbers are below 256: one byte each.
             let bins: Vec<u8> =
                 schedule.bin_of_bit.iter().map(|&bin| u8::try_from(bin).unwrap()).collect();
             let whitening: Vec<u8> = schedule.whitening.iter().map(|&bit| u8::from(bit)).collect();
@@ -97,7 +97,7 @@ fn marked_bytes(host: &[u8], method: Method) -> Vec<u8> {
 }
 
 fn marked_files() -> Value {
-    // (Six decimals, and the GLB made from the text: what hosts usually are.)
+    // Six decimals, and a GLB made from the text, as hosts usually are.
     let obj = to_obj(&Sample::Blob.mesh(3_000).unwrap());
     let glb = to_glb(Asset::read(&obj, &Limits::default()).unwrap().mesh());
     let of = |host: &[u8], method| json!(sha256(&marked_bytes(host, method)));
@@ -109,7 +109,7 @@ fn marked_files() -> Value {
     files
 }
 
-/// Positions to the bit.
+/// A hash of the positions, exact to the bit.
 fn positions(mesh: &Mesh) -> String {
     let bytes = mesh.positions().iter().flat_map(glam::DVec3::to_array).flat_map(f64::to_le_bytes);
     sha256(&bytes.collect::<Vec<u8>>())
@@ -162,7 +162,7 @@ fn marked(
     (facts, mesh)
 }
 
-/// What an embedding in single precision did that its report does not say.
+/// The full result of an embedding in single precision, which has more than its report.
 fn embedded(mesh: &Mesh, key: &MarkKey, params: EmbedParams) -> Embedding {
     let mesh = read(&to_glb(&read(&to_obj(mesh))));
     let surface = Surface::new(&mesh);
@@ -175,7 +175,7 @@ fn embedded(mesh: &Mesh, key: &MarkKey, params: EmbedParams) -> Embedding {
     embed(host, &Codeword::new(key, &message(params.bits)), &params, &|| false).unwrap()
 }
 
-/// A mark whose allocation does not settle: the paper's method of the same modulation takes over.
+/// A mark whose allocation does not settle. The paper's method of the same modulation takes over.
 fn fallen_back(mesh: &Mesh, key: u8, exact: Method, paper: Method) -> Value {
     let key = MarkKey::from_bytes([key; 32]);
     let by = |method| {
@@ -188,7 +188,7 @@ fn fallen_back(mesh: &Mesh, key: u8, exact: Method, paper: Method) -> Value {
     asked
 }
 
-/// Each triangle cut beside its corners: all vertices have edges as short as that.
+/// Each triangle is cut close to its corners, so that every vertex has a short edge.
 fn with_short_edges(mesh: &Mesh) -> Mesh {
     let mut positions = mesh.positions().to_vec();
     let mut triangles = Vec::new();
@@ -203,11 +203,11 @@ fn with_short_edges(mesh: &Mesh) -> Mesh {
     Mesh::new(positions, triangles).unwrap()
 }
 
-/// A scan's noise: each coordinate off by up to `amount`, always alike.
+/// Noise as of a scan: each coordinate moves by up to `amount`, the same in every run.
 fn rough(mesh: &Mesh, amount: f64) -> Mesh {
     let mut state = 0_u64;
     let mut noise = || {
-        // Knuth's MMIX generator; the upper bits of it.
+        // Knuth's MMIX generator. Its upper bits are used.
         state =
             state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let unit = f64::from(u32::try_from(state >> 32).unwrap()) / f64::from(u32::MAX);
@@ -217,7 +217,7 @@ fn rough(mesh: &Mesh, amount: f64) -> Mesh {
     Mesh::new(moved.collect(), mesh.triangles().to_vec()).unwrap()
 }
 
-/// Where the arithmetic goes elsewhere than in a small mesh.
+/// Cases whose arithmetic takes other branches than that of a small mesh.
 fn cases() -> Value {
     let plain = |host: &[u8], request: &MarkRequest<'_>| mark(host, request).unwrap();
     let key = &MarkKey::from_bytes(counting());
@@ -229,21 +229,22 @@ fn cases() -> Value {
     let (within, _) = marked(&small, key, params(Method::ExactMean, 0.1, 32), |host, request| {
         mark_within(host, request, limit, Strength::MAX).unwrap()
     });
-    // The exact method moves no vertex by more than half its shortest edge: the loop runs long.
+    // The exact method moves no vertex by more than half its shortest edge, so the loop runs long.
     let cut = with_short_edges(&Sample::Blob.mesh(2_000).unwrap());
     let (short_edges, _) = marked(&cut, key, params(Method::ExactMean, 0.1, 32), plain);
     assert!(short_edges["rounds"].as_u64().unwrap() > 10, "{short_edges}");
-    // A dense, noisy scan: its edges are about 0.03 long, and triangles turn over where nothing
-    // stiffens their corners.
+    // A dense, noisy scan. Its edges are about 0.03 long, and triangles flip where their corners
+    // are not stiffened.
     let dense_host = rough(&Sample::Blob.mesh(12_000).unwrap(), 0.013);
     let dense_params = params(Method::ExactMean, 0.2, 64);
     let (mut dense, dense_mesh) = marked(&dense_host, key, dense_params, plain);
-    // The guard stiffens corners of triangles that their moves turned over, and none else.
+    // The guard stiffens only the corners of triangles that their moves flipped.
     let guarded = embedded(&dense_host, key, dense_params);
     assert_eq!(guarded.positions, dense_mesh.positions());
     assert!(guarded.stiffened > 0 && dense["flipped"] == 0, "{} {dense}", guarded.stiffened);
     dense["stiffened"] = json!(guarded.stiffened);
-    // Dear bins, to which the budget leaves little margin, and vertices that stray over their edges.
+    // Expensive bins, to which the budget leaves little margin, and vertices that cross the edges of
+    // their bins.
     let [blob, gear] = [(Sample::Blob, 3_000), (Sample::Gear, 8_000)]
         .map(|(sample, vertices)| sample.mesh(vertices).unwrap());
     json!({
@@ -256,14 +257,14 @@ fn cases() -> Value {
     })
 }
 
-/// Numbers to the bit.
+/// Numbers, exact to the bit.
 fn numbers(all: &[f64]) -> Value {
     let bytes: Vec<u8> = all.iter().flat_map(|x| x.to_le_bytes()).collect();
     json!({ "first": all.iter().take(4).collect::<Vec<_>>(), "sha256": sha256(&bytes) })
 }
 
-/// What is read of a mark, and how it is judged: blindly, after the layout search and by the matched
-/// filter, among fifty others' marks.
+/// What is read of a mark, and its verdict: blind, after the layout search and by the matched
+/// filter, among the marks of fifty others.
 fn verdict() -> Value {
     let params = params(Method::ExactMean, 0.1, 64);
     let host = Sample::Blob.mesh(6_000).unwrap();
@@ -319,7 +320,7 @@ fn verdict() -> Value {
     })
 }
 
-/// Both layers and the relief alone, and what is read of each against the host.
+/// Marks with both layers and with the relief alone, and what is read of each against the host.
 fn reliefs() -> Value {
     let key = MarkKey::from_bytes(counting());
     let host = read(&to_glb(&read(&to_obj(&Sample::Knot.mesh(5_000).unwrap()))));

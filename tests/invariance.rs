@@ -1,5 +1,6 @@
-//! What a mark does not notice: another position, size and direction, another order of vertices
-//! and faces, another file format. On generated meshes, so on every machine.
+//! Changes that do not affect a mark: another position, size and direction, another order of
+//! vertices and faces, another file format. The meshes are generated, so the test runs on every
+//! machine.
 #![expect(clippy::unwrap_used, reason = "test helpers")]
 
 mod support;
@@ -68,7 +69,7 @@ fn a_mark_survives_similarity_reordering_and_conversion() {
                     let (right, wrong) = bits_read(&name, &bytes, method.modulation());
                     let usable = marked.report.usable_bins;
                     // A vertex at the very end of the range moves with the rounding of a format,
-                    // and the bin layout with it: what is lost is a poor bin at most.
+                    // and the bin layout moves with it. At most a poor bin is lost.
                     assert!(wrong == 0 && right + 2 >= usable, "{name}, {change}: {right} {wrong}");
                 }
             }

@@ -1,4 +1,4 @@
-//! `quadmark lab` as a user runs it: files in a folder, and what a Ctrl-C leaves.
+//! `quadmark lab` as a user runs it: files in a folder, and what remains after Ctrl-C.
 #![expect(clippy::unwrap_used, reason = "test helpers")]
 
 use std::fs;
@@ -107,7 +107,7 @@ fn lines(path: &Path) -> usize {
     fs::read_to_string(path).map_or(0, |text| text.lines().count())
 }
 
-/// A run without end, ended at the latest when the test is.
+/// A run without end, which ends at the latest with the test.
 #[cfg(unix)]
 struct Running(std::process::Child);
 
@@ -127,7 +127,7 @@ impl Drop for Running {
     }
 }
 
-/// Until a run has more than so many rows; a minute at most.
+/// Waits until a run has more than `count` rows, for a minute at most.
 #[cfg(unix)]
 fn wait_for_rows(folder: &Path, count: usize) {
     let enough = || lines(&folder.join("out/unfinished.csv")) > count;
@@ -172,7 +172,7 @@ fn what_a_killed_run_had_made_is_there_to_go_on_with() {
     let rows = || lines(&unfinished);
     let made = rows();
     assert!(made > 60 && !out.join("results.csv").exists());
-    // Not written over by a run that does not go on with it.
+    // A run that does not continue it does not overwrite it.
     let refused = lab(folder.path(), "2").output().unwrap();
     assert_eq!(refused.status.code(), Some(2));
     let said = String::from_utf8_lossy(&refused.stderr).into_owned();
@@ -187,6 +187,6 @@ fn what_a_killed_run_had_made_is_there_to_go_on_with() {
     assert!(went_on.status.success());
     assert!(!unfinished.exists());
     let results = fs::read_to_string(out.join("results.csv")).unwrap();
-    // Less than a trial may have been cut off by the kill.
+    // The kill may have cut off less than a trial.
     assert!(results.lines().count() + 25 > made);
 }

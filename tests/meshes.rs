@@ -1,6 +1,6 @@
-//! The closed loop's promise on real meshes: what is handed out has no wrong bit, blind, after
-//! writing and reading, and differs from its host in coordinates only; what cannot carry a mark
-//! is refused with the counts.
+//! The closed loop's promise on real meshes: a marked file has no wrong bit in a blind reading
+//! after writing and reading, and differs from its host in coordinates only. A mesh that cannot
+//! carry a mark is refused with the counts.
 #![expect(clippy::unwrap_used, clippy::panic, reason = "test helpers")]
 
 mod support;

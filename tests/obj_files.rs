@@ -1,4 +1,5 @@
-//! Real OBJ files, good and bad: read, left alone, moved, read back, and opened by another reader.
+//! Real OBJ files, valid and invalid: read, left alone, moved, read back, and opened by another
+//! reader.
 //!
 //! The files are not part of the repository (see `support::meshes`).
 #![allow(clippy::unwrap_used, clippy::panic)]
@@ -13,7 +14,7 @@ use quadmark::formats::{Agreement, Asset, Format, Limits, agrees};
 
 use support::{files_below, has_extension, meshes};
 
-/// Vertices as `grep` counts them; good for every file without line continuations.
+/// Number of vertices as `grep` counts them; right for every file without line continuations.
 fn vertex_lines(bytes: &[u8]) -> usize {
     bytes
         .split(|byte| matches!(byte, b'\n' | b'\r'))

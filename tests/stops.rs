@@ -1,9 +1,10 @@
-//! Whatever takes long hears that it should stop: each stage is told so at its first question, half way,
-//! and near its end, and is to return within the time of two passes over the mesh; and no stage goes on
-//! for longer than a few without asking. `benches/stops.rs` measures the gaps on a large mesh.
+//! Everything that takes long stops when it is told to. Each stage is told so at its first call of
+//! `stop`, half way, and near its end, and must return within the time of two passes over the mesh.
+//! No stage runs for longer than a few passes without a call. `benches/stops.rs` measures the gaps
+//! on a large mesh.
 //!
-//! Time is CPU time of this process (one test, so that nothing else runs in it), and is compared with
-//! that of preparing the same surface: neither a slow nor a busy machine matters.
+//! Time is CPU time of this process, which runs only this one test. It is compared with the time
+//! for preparing the same surface, so neither a slow nor a busy machine matters.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
@@ -32,16 +33,16 @@ use quadmark::watermark::{
 };
 use rustix::time::{ClockId, clock_gettime};
 
-/// Vertices of the mesh.
+/// Number of vertices of the mesh.
 const VERTICES: u32 = 100_000;
 
-/// Preparations of the surface within which a stage that is told to stop ends. With 100,000 vertices one
-/// takes 15 to 40 ms; all end within 1.3 of them.
+/// Time within which a stage ends after it is told to stop, in preparations of the surface. With
+/// 100,000 vertices one takes 15 to 40 ms. All stages end within 1.3 of them.
 const MOST_LATE: f64 = 2.0;
 
-/// Preparations that a stage may go on for between two questions, wherever it is. The largest gaps are 2
-/// to 5 of them, 40 to 70 ms: some parts take as long on a small mesh as on a large one. What asks in
-/// steps of a constant size goes on no longer on a larger mesh.
+/// Largest gap between two calls of `stop`, anywhere in a stage, in preparations of the surface.
+/// The largest gaps are 2 to 5 of them, 40 to 70 ms: some parts take as long on a small mesh as on
+/// a large one. A stage that calls in steps of a constant size has no longer gaps on a larger mesh.
 const MOST_BETWEEN: f64 = 8.0;
 
 /// CPU seconds of this process so far.
@@ -50,8 +51,8 @@ fn cpu() -> f64 {
     now.tv_sec as f64 + 1e-9 * now.tv_nsec as f64
 }
 
-/// Answers `true` from the question after `after` on, and notes when it first did, and the longest time
-/// between two questions.
+/// Returns `true` after `after` calls. Records when it first did, and the longest time between two
+/// calls.
 struct Stop {
     after: u64,
     asked: AtomicU64,
@@ -71,7 +72,8 @@ impl Stop {
     }
 
     fn now(&self) -> bool {
-        // (Some stages ask a million times. Once told, they are not to pay for this clock.)
+        // Some stages call a million times. In runs that are stopped, they must not pay for this
+        // clock.
         if self.after == u64::MAX {
             self.note();
         }
@@ -118,7 +120,7 @@ fn case() -> Case {
     let seen = Host { mesh: &mesh, surface: &surface, pinned: &[], round: &|_| {}, original: None };
     let made = embed(seen, &codeword, &params, &|| false).unwrap();
     let filter = HostFilter::new(&mesh, codeword.layout_class(), &params).unwrap();
-    // Shrunk: many numbers of rounds of smoothing are tried.
+    // Shrunk, so that many numbers of smoothing rounds are tried.
     let carriers = (0..).zip(&filter.surface().positions);
     let smoothed =
         carriers.map(|(carrier, p)| Correspondence { carrier, at: 0.998 * *p }).collect();
@@ -145,7 +147,7 @@ fn host(case: &Case) -> Host<'_> {
     Host { mesh: &case.mesh, surface: &case.surface, pinned: &[], round: &|_| {}, original: None }
 }
 
-/// What is made of a mesh before anything else, and what is kept of it.
+/// What is made of a mesh before anything else, and what is stored of it.
 fn preparations(case: &Case) -> Vec<Stage<'_>> {
     let packed = geometry::pack(&case.mesh).unwrap();
     let message = Message::from_bytes(&[0x5a; 8], BitCount::default()).unwrap();
@@ -337,7 +339,7 @@ fn every_stage_ends_soon_after_it_is_told_to() {
             let stop = Stop::after(after);
             run(&|| stop.now());
             let told = f64::from_bits(stop.at.load(Ordering::Relaxed));
-            // (On several threads it may have asked less often this time.)
+            // On several threads, it may have called less often this time.
             if told == 0.0 {
                 continue;
             }

@@ -1,4 +1,4 @@
-//! The few attacks on frames that the benchmarks of the blind reader need.
+//! Attacks on frames, for the benchmarks of the blind reader.
 
 use std::collections::BTreeSet;
 
@@ -9,7 +9,7 @@ use quadmark::mesh::surface::Surface;
 /// An attack by name.
 pub type Attack = (&'static str, fn(&Mesh) -> Mesh);
 
-/// What must not hide a mark, the first being none at all.
+/// Attacks that must not hide a mark. The first is none.
 pub const ATTACKS: [Attack; 12] = [
     ("none", Mesh::clone),
     ("farthest vertex out 1 %", |mesh| pushed(mesh, 1.01)),
@@ -44,7 +44,7 @@ fn rebuilt(mesh: &Mesh, positions: Vec<DVec3>) -> Mesh {
     Mesh::new(positions, mesh.triangles().to_vec()).unwrap()
 }
 
-/// The farthest vertex, its norm times `factor`.
+/// Multiplies the norm of the farthest vertex by `factor`.
 fn pushed(mesh: &Mesh, factor: f64) -> Mesh {
     let centre = centre(mesh);
     let mut positions = mesh.positions().to_vec();
@@ -53,7 +53,7 @@ fn pushed(mesh: &Mesh, factor: f64) -> Mesh {
     rebuilt(mesh, positions)
 }
 
-/// The nearest vertex, towards the centre by a share of the largest norm.
+/// Moves the nearest vertex towards the centre by a share of the largest norm.
 fn pulled(mesh: &Mesh, factor: f64) -> Mesh {
     let centre = centre(mesh);
     let mut positions = mesh.positions().to_vec();
@@ -76,14 +76,14 @@ fn far_off(mesh: &Mesh, k: usize) -> (DVec3, f64) {
     (low.midpoint(high) + (1.0 + 0.3 * k as f64) * diagonal * direction, diagonal)
 }
 
-/// Vertices far off that no triangle uses.
+/// Adds far vertices that no triangle uses.
 fn stray_vertices(mesh: &Mesh, count: usize) -> Mesh {
     let mut positions = mesh.positions().to_vec();
     positions.extend((0..count).map(|k| far_off(mesh, k).0));
     rebuilt(mesh, positions)
 }
 
-/// Triangles of `size` diagonals far off.
+/// Adds far triangles of `size` diagonals.
 fn stray_triangles(mesh: &Mesh, count: usize, size: f64) -> Mesh {
     let mut positions = mesh.positions().to_vec();
     let mut triangles = mesh.triangles().to_vec();
@@ -96,8 +96,8 @@ fn stray_triangles(mesh: &Mesh, count: usize, size: f64) -> Mesh {
     Mesh::new(positions, triangles).unwrap()
 }
 
-/// Each vertex by `lambda` of the way to the mean of its neighbours, `rounds` times; welded points
-/// move together.
+/// Moves each vertex `lambda` of the way to the mean of its neighbours, `rounds` times. Welded
+/// points move together.
 pub fn smoothed(mesh: &Mesh, lambda: f64, rounds: usize) -> Mesh {
     let surface = Surface::new(mesh);
     let mut around = vec![BTreeSet::new(); surface.positions.len()];
@@ -121,14 +121,14 @@ pub fn smoothed(mesh: &Mesh, lambda: f64, rounds: usize) -> Mesh {
     rebuilt(mesh, positions)
 }
 
-/// Without the vertices for which `gone` says so, and their triangles.
+/// The mesh without the vertices marked in `gone` and their triangles.
 fn without(mesh: &Mesh, gone: &[bool]) -> Mesh {
     let triangles = mesh.triangles().iter().copied();
     let left = triangles.filter(|t| !t.iter().any(|&v| gone[v as usize])).collect();
     Mesh::new(mesh.positions().to_vec(), left).unwrap()
 }
 
-/// Without this share of the vertices, those farthest from the centre.
+/// The mesh without this share of the vertices, those farthest from the centre.
 fn without_farthest(mesh: &Mesh, thousandths: usize) -> Mesh {
     let order = by_norm(mesh, centre(mesh));
     let mut gone = vec![false; mesh.positions().len()];
@@ -137,7 +137,7 @@ fn without_farthest(mesh: &Mesh, thousandths: usize) -> Mesh {
     without(mesh, &gone)
 }
 
-/// Without this share of the vertices, cut off by a plane.
+/// The mesh without this share of the vertices, cut off by a plane.
 fn cropped(mesh: &Mesh, normal: DVec3, thousandths: usize) -> Mesh {
     let used: BTreeSet<u32> = mesh.triangles().iter().flatten().copied().collect();
     let mut heights: Vec<f64> =

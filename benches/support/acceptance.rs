@@ -4,21 +4,22 @@ use std::collections::BTreeMap;
 
 use quadmark::lab::sequential::{Decision, Sequential};
 
-/// Shares this far apart are told apart, with at most this probability of either error.
+/// The sequential test distinguishes shares that differ by this, with at most this probability of
+/// either error.
 const TOLERANCE: f64 = 0.15;
 const ERROR: f64 = 0.05;
 
-/// One judgement: whether one record was named that should be.
+/// One judgement: whether one record was named that must be named.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     pub right: bool,
-    /// Records that were named and should not be.
+    /// Number of records that were named and must not be.
     pub wrong: u32,
-    /// The bound of the right record, where it was told at all.
+    /// The bound of the right record, if it was reported at all.
     pub log10_fp: Option<f64>,
-    /// What decided it.
+    /// The stage that decided.
     pub stage: &'static str,
-    /// Share of the bits that the blind reader has right.
+    /// Share of the bits that the blind reader reads right.
     pub blind: Option<f64>,
 }
 
@@ -74,7 +75,7 @@ impl Row {
         self.failed += 1;
     }
 
-    /// Whether more trials would change nothing.
+    /// Whether the sequential test is decided, so that more trials would change nothing.
     pub fn is_plain(&self) -> bool {
         self.test.is_some_and(|test| test.decision() != Decision::Open)
     }
@@ -115,7 +116,7 @@ impl Row {
     }
 }
 
-/// The head of the table, of which each mesh has a column.
+/// The head of the table, with a column per mesh.
 pub fn print_head(meshes: &[&str]) {
     println!(
         "\n| attack | {} | right | wanted | log10 of the bound | blind bits, % | decided by |",

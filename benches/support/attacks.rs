@@ -1,4 +1,4 @@
-//! The attacks that the benchmarks of registration need.
+//! The attacks for the benchmarks of registration.
 
 use glam::DVec3;
 use quadmark::mesh::Mesh;
@@ -37,7 +37,7 @@ pub fn quantised(mesh: &Mesh, bits: i32) -> Mesh {
     moved(mesh, |&p| low + ((p - low) / step).round() * step)
 }
 
-/// Laplacian smoothing, 0.5, so many times.
+/// Laplacian smoothing by 0.5, `times` times.
 pub fn smoothed(mesh: &Mesh, times: usize) -> Mesh {
     let mut positions = mesh.positions().to_vec();
     for _ in 0..times {
@@ -58,7 +58,7 @@ pub fn smoothed(mesh: &Mesh, times: usize) -> Mesh {
     Mesh::new(positions, mesh.triangles().to_vec()).unwrap()
 }
 
-/// Keeps the given share of the vertices, beyond a plane.
+/// Keeps the given share of the vertices, on one side of a plane.
 pub fn cropped(mesh: &Mesh, kept: f64, random: &mut ChaCha20Rng) -> Mesh {
     let normal = direction(random);
     let mut heights: Vec<f64> = mesh.positions().iter().map(|p| p.dot(normal)).collect();
@@ -70,7 +70,7 @@ pub fn cropped(mesh: &Mesh, kept: f64, random: &mut ChaCha20Rng) -> Mesh {
     Mesh::new(mesh.positions().to_vec(), triangles.collect()).unwrap()
 }
 
-/// Vertices of one cell of a grid become one: a coarse tessellation.
+/// Merges the vertices of each cell of a grid: a coarse tessellation.
 pub fn clustered(mesh: &Mesh, cells: f64) -> Mesh {
     let low = mesh.positions().iter().copied().reduce(DVec3::min).unwrap();
     let high = mesh.positions().iter().copied().reduce(DVec3::max).unwrap();

@@ -1,15 +1,15 @@
-//! What happens to suspects in the acceptance table of detection, and what share of them must be
+//! What happens to suspects in the acceptance table of detection, and the share that must be
 //! recognised.
 
 use quadmark::attacks::random::Random;
 use quadmark::attacks::{Attack, AttackError, Context, Named, Target};
 use quadmark::mesh::Mesh;
 
-/// Ends the name of a case whose suspects keep their place; all others are moved at the end.
+/// Suffix of the name of a case whose suspects keep their pose. All others are moved at the end.
 const IN_PLACE: &str = "+in-place";
 
-/// The rows that are recognised always, and those that the second layer is there for; a share where
-/// one is asked for.
+/// The rows that must always be recognised, and those that the relief is for; with the required
+/// share, if there is one.
 #[rustfmt::skip]
 const ACCEPTANCE: &[(&str, Option<f64>)] = &[
     ("none+in-place", Some(1.0)), ("none", Some(1.0)), ("reordered", Some(1.0)),
@@ -37,7 +37,7 @@ const ACCEPTANCE: &[(&str, Option<f64>)] = &[
     ("laundered", Some(1.0)),
 ];
 
-/// Pipelines of the acceptance table: each on one mesh, in turn.
+/// Number of pipelines of the acceptance table. Each is applied to one mesh, in turn.
 pub const PIPELINES: u32 = 100;
 
 /// How suspects are made and judged.
@@ -45,9 +45,9 @@ pub const PIPELINES: u32 = 100;
 pub enum Kind {
     /// A marked copy is attacked, and its record must be named.
     Copy,
-    /// So many recipients' copies are averaged, and each of their records must be named.
+    /// The copies of this many recipients are averaged, and each of their records must be named.
     Averaged(u32),
-    /// A marked copy is attacked and registered anew by somebody else: the answer must tell of the
+    /// A marked copy is attacked and registered anew by somebody else. The answer must report the
     /// record, or a verification of the new copy must name it.
     Laundered,
     /// All pipelines, each on one mesh.
@@ -59,13 +59,13 @@ pub enum Kind {
 pub struct Case {
     pub name: String,
     pub kind: Kind,
-    /// What share must be recognised.
+    /// The share that must be recognised.
     pub wanted: Option<f64>,
     steps: Vec<Attack>,
 }
 
 impl Case {
-    /// By name: an attack or several, `laundered`, `pipelines`, or `averaged-N`.
+    /// The case of a name: one or several attacks, `laundered`, `pipelines`, or `averaged-N`.
     pub fn named(name: &str) -> Result<Self, String> {
         let (short, in_place) = match name.strip_suffix(IN_PLACE) {
             Some(short) => (short, true),
@@ -93,7 +93,7 @@ impl Case {
         Ok(Self { name: name.to_owned(), kind, wanted, steps })
     }
 
-    /// All rows of the acceptance table; what registers further marks comes last.
+    /// All rows of the acceptance table. Those that register further marks come last.
     pub fn acceptance() -> Vec<Self> {
         let names = ACCEPTANCE.iter().map(|&(name, _)| name);
         let (last, mut all): (Vec<Self>, Vec<Self>) = names
@@ -109,12 +109,12 @@ impl Case {
         Self::named(&format!("pipeline-{number}")).unwrap()
     }
 
-    /// Whether the file is handed in as it is.
+    /// Whether the file is verified as it is.
     pub fn is_nothing(&self) -> bool {
         self.steps.is_empty()
     }
 
-    /// What is left of a mesh; the same names, trial and seed give the same.
+    /// Applies the attacks to a mesh. The same names, trial and seed give the same mesh.
     pub fn apply(
         &self,
         mesh: &Mesh,

@@ -1,4 +1,4 @@
-//! Marks that no registry knows, and hosts to put them on, for the benchmarks of several marks on one
+//! Marks that are in no registry, and hosts for them, for the benchmarks of several marks on one
 //! mesh.
 #![allow(dead_code, reason = "not every benchmark uses everything")]
 
@@ -10,7 +10,7 @@ use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message};
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::Rng;
 
-/// So many bits, a multiple of eight.
+/// A number of bits, a multiple of eight.
 pub fn bits(word: &str) -> BitCount {
     BitCount::new(word.parse().unwrap()).unwrap()
 }
@@ -39,7 +39,7 @@ pub fn marked(
     mark(file, &request).map(|marked| marked.bytes)
 }
 
-/// What a reader sees of a file.
+/// The mesh of a file.
 pub fn parsed(file: &[u8]) -> Mesh {
     Asset::read(file, &Limits::default()).unwrap().into_mesh()
 }

@@ -1,5 +1,5 @@
-//! A data directory with many records in it, as the benchmarks of the whole service need it, and
-//! their yardstick.
+//! A data directory with many records, for the benchmarks of the whole service, and their
+//! yardstick.
 
 use std::path::Path;
 use std::time::Instant;
@@ -8,7 +8,7 @@ use quadmark::config::{Config, Settings};
 use quadmark::keys::KeyRing;
 use sqlx::sqlite::{SqliteConnectOptions, SqlitePool};
 
-/// The median of some loads.
+/// The median time of some loads, in seconds.
 #[allow(dead_code, reason = "not every benchmark times")]
 pub fn tobj_seconds(bytes: &[u8], loads: usize) -> f64 {
     let options = tobj::LoadOptions { triangulate: true, ..tobj::LoadOptions::default() };
@@ -26,8 +26,8 @@ pub fn tobj_seconds(bytes: &[u8], loads: usize) -> f64 {
     times[loads / 2]
 }
 
-/// Fills up to so many records with rows of random salts and messages, written by the database itself.
-/// Schema and master key are there.
+/// Fills a registry up to `records` records with random salts and messages, written by the database
+/// itself. Schema and master key must exist.
 pub async fn seed(data: &Path, records: u64) {
     let key_id = KeyRing::open(&data.join("master.keys")).unwrap().current().to_owned();
     let options = SqliteConnectOptions::new().filename(data.join("registry.sqlite"));
@@ -63,7 +63,7 @@ pub async fn seed(data: &Path, records: u64) {
     pool.close().await;
 }
 
-/// All defaults.
+/// The default configuration.
 pub fn config(data: &Path) -> Config {
     let settings = Settings { data: Some(data.to_owned()), ..Settings::default() };
     Config::decide(settings).unwrap()

@@ -1,5 +1,5 @@
-//! A service in this process, over a data directory with many other records, as the benchmarks of
-//! verification use it.
+//! A service in this process, over a data directory with many other records, for the benchmarks of
+//! verification.
 
 use futures::TryStreamExt as _;
 use std::path::Path;
@@ -34,7 +34,7 @@ pub struct Mark {
 #[derive(Clone, Copy)]
 pub struct Kind {
     pub method: Method,
-    /// None for the default.
+    /// `None` for the default.
     pub strength: Option<Strength>,
     pub bits: BitCount,
 }
@@ -47,7 +47,8 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// Over a data directory that is filled up to so many records by others.
+    /// Starts the service over a data directory that is first filled up to `others` records of
+    /// others.
     pub async fn start(data: &Path, others: u64) -> Self {
         // The first start makes the schema and the master key.
         Service::open(config(data)).await.unwrap().close().await;
@@ -66,13 +67,13 @@ impl Bench {
     }
 
     #[allow(dead_code)] // not every benchmark marks what must be fit for it
-    /// Marks a file, which is kept, for an owner. A later run over the same directory gets the same
+    /// Marks a file for an owner and keeps it. A later run over the same directory gets the same
     /// mark again.
     pub async fn mark(&self, file: &[u8], owner: &str, kind: Kind) -> Mark {
         self.try_mark(file, owner, kind).await.unwrap()
     }
 
-    /// The same where the file may not be fit for a mark.
+    /// As `mark`, but the file may be unfit for a mark.
     #[allow(dead_code)] // not every benchmark marks whatever there is
     pub async fn try_mark(
         &self,
@@ -114,8 +115,9 @@ impl Bench {
         Ok(Mark { record, bytes, codeword })
     }
 
-    /// Whose marks a file carries; with an owner, which of that owner's. Each verification is judged as
-    /// the first question about a record: figures must not depend on how many cases a run has.
+    /// The marks that a file carries; with an owner, those of that owner. Each verification is
+    /// judged as the first question about a record, so that figures do not depend on how many cases
+    /// a run has.
     pub async fn verify(&self, file: &[u8], owner: Option<&str>, depth: Depth) -> Verification {
         sqlx::query("DELETE FROM questions").execute(&self.registry).await.unwrap();
         let file = self.upload(file).await;

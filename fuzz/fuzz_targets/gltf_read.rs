@@ -1,4 +1,5 @@
-//! Any bytes as glTF or GLB: no panic, and what reads must round, write and read back exactly.
+//! Any bytes as glTF or GLB: no panic, and what can be read must round, write and read back
+//! exactly.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,5 +1,5 @@
-//! Any bytes through the whole way of a mark, with method and strength drawn from them: refused,
-//! or marked with no wrong bit in a file that reads back.
+//! Marks any bytes, with method and strength drawn from them. They are refused, or marked with no
+//! wrong bit in a file that reads back.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

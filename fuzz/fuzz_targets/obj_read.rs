@@ -18,7 +18,7 @@ fuzz_target!(|bytes: &[u8]| {
     let host = asset.mesh().positions();
     assert_eq!(asset.write(bytes, host).as_deref(), Ok(bytes));
 
-    // Every other vertex moves; by what, the vertex number says.
+    // Every other vertex moves. The vertex number determines the move.
     let mut positions = host.to_vec();
     for (index, position) in positions.iter_mut().enumerate().step_by(2) {
         let moved = *position * 1.001 + DVec3::new(0.1, -1e-3, 1e-8) * (index % 7) as f64;

@@ -1,5 +1,5 @@
-//! An attack with its parameters, as a value: what a grid lists, a row names and a plot's axis
-//! shows.
+//! An attack with its parameters, as a value. Grids list it, rows name it, and figures have its
+//! amount on their axis.
 
 use std::fmt;
 
@@ -21,11 +21,11 @@ use crate::watermark::{Codeword, EmbedParams, MarkKey};
 /// What an attack may need beside the marked mesh.
 #[derive(Clone, Copy)]
 pub struct Context<'a> {
-    /// The mesh before it was marked: other copies are made from it.
+    /// The mesh before it was marked. Other copies are made from it.
     pub host: &'a Mesh,
-    /// How the mesh was marked: other marks are made alike.
+    /// How the mesh was marked. Other marks are made with the same parameters.
     pub params: &'a EmbedParams,
-    /// How far its relief moves the surface, where it has one.
+    /// Amplitude of its relief; `None` without a relief.
     pub amplitude: Option<Amplitude>,
 }
 
@@ -42,7 +42,7 @@ pub enum Attack {
     Smooth {
         /// Share of the way to the neighbours' mean.
         lambda: f64,
-        /// How often.
+        /// Number of iterations.
         iterations: u32,
     },
     /// [`smooth::taubin`] with [`smooth::TAUBIN`], this often.
@@ -51,7 +51,7 @@ pub enum Attack {
     Cotangent {
         /// Share of the way to the neighbours' weighted mean.
         lambda: f64,
-        /// How often.
+        /// Number of iterations.
         iterations: u32,
     },
     /// [`quantise::quantise`] to this many bits.
@@ -84,9 +84,9 @@ pub enum Attack {
     StrayVertices(u32),
     /// [`spikes::spikes`].
     Spikes {
-        /// How many.
+        /// Number of spikes.
         count: u32,
-        /// By what share of their norm they stand out.
+        /// Height, as a share of the vertex norm.
         height: f64,
     },
     /// [`collude::average`] of this many copies, the marked one among them.
@@ -100,7 +100,7 @@ pub enum Attack {
 }
 
 impl Attack {
-    /// What the attack leaves of `marked`. The same seed gives the same mesh.
+    /// Applies the attack to `marked`. The same seed gives the same mesh.
     ///
     /// # Errors
     /// [`AttackError`].
@@ -176,7 +176,8 @@ impl Attack {
         }
     }
 
-    /// The number that says how strong it is, where there is one: percent for shares, else a count.
+    /// The amount of the attack: percent for shares, else a count. `None` for attacks without an
+    /// amount.
     #[must_use]
     pub fn amount(&self) -> Option<f64> {
         match *self {
@@ -200,12 +201,12 @@ impl Attack {
     }
 }
 
-/// A share in percent, free of the last digit's rounding.
+/// A share in percent, rounded to six decimals, so that binary rounding does not show.
 fn percent(share: f64) -> f64 {
     (share * 1e8).round() / 1e6
 }
 
-/// The marked copy averaged with others of the same host under other keys.
+/// The mean of the marked copy and of other copies of the same host under other keys.
 fn averaged(
     marked: &Mesh,
     context: &Context<'_>,
@@ -225,7 +226,7 @@ fn averaged(
     collude::average(&all)
 }
 
-/// A host with the relief of a key; `None` where it has room for none.
+/// A host with the relief of a key; `None` if the host has no room for a relief.
 fn raised(host: &Mesh, key: &MarkKey, amplitude: Amplitude) -> Option<Mesh> {
     let surface = Surface::new(host);
     let field = Field::new(&surface)?;

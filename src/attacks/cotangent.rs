@@ -7,18 +7,19 @@ use super::{AttackError, Target, with_carriers_at};
 use crate::mesh::Mesh;
 use crate::mesh::surface::doubled_area;
 
-/// Moves every point `lambda` of the way to the mean of its neighbours with weights
-/// `cot a + cot b`, a and b the angles opposite the edge, `iterations` times: mean curvature flow in
-/// explicit steps, which moves along the normal whatever the triangles look like (Desbrun, Meyer,
-/// Schröder and Barr, *Implicit fairing of irregular meshes using diffusion and curvature flow*,
-/// SIGGRAPH 1999, eq. 14, normalised as there). The weights are those of the surface as it is before
-/// each step.
+/// Moves every point `lambda` of the way to the weighted mean of its neighbours, `iterations`
+/// times. The weight of an edge is `cot a + cot b`, where a and b are the angles opposite the edge.
+/// This is mean curvature flow in explicit steps: points move along the normal, whatever the shapes
+/// of the triangles (Desbrun, Meyer, Schröder and Barr, *Implicit fairing of irregular meshes using
+/// diffusion and curvature flow*, SIGGRAPH 1999, eq. 14, normalised as there). The weights are
+/// those of the surface before each step.
 ///
-/// Negative weights, which obtuse triangles have and which would push points away from each other,
-/// count as none. Points on borders move as in [`super::smooth::laplacian`].
+/// Negative weights come from obtuse triangles and would push points away from each other. They
+/// count as 0. Points on borders move as in [`super::smooth::laplacian`].
 ///
 /// # Errors
-/// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when a `lambda` above 1 makes it diverge.
+/// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when a `lambda` above 1 makes the steps
+/// diverge.
 pub fn cotangent(target: &Target<'_>, lambda: f64, iterations: usize) -> Result<Mesh, AttackError> {
     let surface = target.surface()?;
     let (triangles, around, edges) = (&surface.triangles, target.around()?, target.edges()?);
@@ -51,7 +52,7 @@ pub fn cotangent(target: &Target<'_>, lambda: f64, iterations: usize) -> Result<
                     let corners = triangles[t as usize];
                     let ends = [corners[k], corners[(k + 1) % 3]].map(|v| v as usize);
                     let Some(at) = ends.iter().position(|&end| end == vertex) else { continue };
-                    // Each edge is met once in each of its triangles.
+                    // Each edge is visited once in each of its triangles.
                     let weight = weights[edges.of_side[3 * t as usize + k]].max(0.0);
                     sum += weight * (now[ends[1 - at]] - old);
                     total += weight;
@@ -66,7 +67,7 @@ pub fn cotangent(target: &Target<'_>, lambda: f64, iterations: usize) -> Result<
     with_carriers_at(target, &now)
 }
 
-/// The cotangent of the angle opposite a side; none in a triangle without an area.
+/// The cotangent of the angle opposite a side; 0 in a triangle without area.
 fn cotangent_opposite(triangles: &[[u32; 3]], positions: &[DVec3], side: usize) -> f64 {
     let [a, b, c] = [0, 1, 2].map(|by| positions[triangles[side / 3][(side + by) % 3] as usize]);
     let doubled = doubled_area(a, b, c).length();

@@ -7,7 +7,7 @@ use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 use crate::mesh::surface::{Surface, doubled_area};
 
-/// Of what a share is cut away.
+/// The quantity of which a share is cut away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Of {
     /// The vertices (Wang et al. 2010: 0.1, 0.3, 0.5).
@@ -16,9 +16,10 @@ pub enum Of {
     Area,
 }
 
-/// Cuts `share` of the vertices or of the area away, beyond a plane across a random direction.
-/// Triangles go or stay whole: those with a vertex beyond the plane go ([`Of::Vertices`]), or those
-/// whose centroid is ([`Of::Area`]). The rest stays where it is.
+/// Cuts away `share` of the vertices or of the area, beyond a plane perpendicular to a random
+/// direction. Triangles are not cut: [`Of::Vertices`] removes triangles with a vertex beyond the
+/// plane, [`Of::Area`] those with their centroid beyond it. The remaining coordinates do not
+/// change.
 ///
 /// # Errors
 /// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when no triangle is left.
@@ -49,7 +50,7 @@ fn within_area(surface: &Surface, share: f64, normal: DVec3) -> Vec<[u32; 3]> {
         .iter()
         .map(|t| (corners(t).iter().sum::<DVec3>().dot(normal), *t))
         .collect();
-    // Stable: triangles at one height stay in order.
+    // A stable sort: triangles at the same height keep their order.
     order.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let area = |t: &[u32; 3]| {
         let [a, b, c] = corners(t);

@@ -1,34 +1,34 @@
-//! The edges of a triangle list, each once, with the triangles at it.
+//! The edges of a triangle list, each once, with the triangles at each edge.
 
 use crate::mesh::stop::{Stop, go_on, unstopped};
 
-/// Vertices between two questions whether to stop.
+/// Number of vertices between two calls of `stop`.
 const VERTICES: u32 = 1 << 15;
 
-/// No such triangle side.
+/// Stands for a triangle side that does not exist.
 pub const NO_SIDE: usize = usize::MAX;
 
-/// Edges in the order of their corners.
+/// Edges, sorted by their corners.
 pub struct Edges {
     /// The two corners, smaller index first.
     pub ends: Vec<[u32; 2]>,
-    /// How many triangles stand at the edge.
+    /// Number of triangles at the edge.
     pub count: Vec<usize>,
-    /// The first two sides that are this edge: side `3 t + k` runs from corner k of triangle t to
-    /// the next.
+    /// The first two triangle sides at the edge. Side `3 t + k` runs from corner k of triangle t to
+    /// the next corner.
     pub sides: Vec<[usize; 2]>,
-    /// Per side, its edge.
+    /// The edge of each side.
     pub of_side: Vec<usize>,
 }
 
 impl Edges {
-    /// Sorts the sides of `triangles`: by their smaller corner in one count, then those at each
-    /// corner.
+    /// Collects the edges of `triangles`: a counting sort by the smaller corner, then a sort at
+    /// each corner.
     pub fn new(triangles: &[[u32; 3]]) -> Self {
         unstopped(|stop| Self::new_until(triangles, stop))
     }
 
-    /// The same; `None` once `stop` answers `true`.
+    /// As `new`; `None` once `stop` returns `true`.
     pub fn new_until(triangles: &[[u32; 3]], stop: Stop<'_>) -> Option<Self> {
         let mut sides = sides_by_smaller_corner(triangles, stop)?;
         let mut edges = Self {
@@ -70,8 +70,8 @@ impl Edges {
         self.ends.iter().zip(&self.count).filter(|&(_, &count)| count == 1).map(|(&ends, _)| ends)
     }
 
-    /// The two sides of an edge where exactly two triangles meet that agree on the outside: the
-    /// sides run against each other.
+    /// The two sides of an edge with exactly two triangles of the same orientation, whose sides run
+    /// in opposite directions; else `None`.
     pub fn inner_sides(&self, edge: usize, triangles: &[[u32; 3]]) -> Option<[usize; 2]> {
         let sides = self.sides[edge];
         let starts = || sides.map(|side| corner(triangles, side));
@@ -79,7 +79,7 @@ impl Edges {
     }
 }
 
-/// Sides with their larger corners, as compressed rows by their smaller ones.
+/// Sides with their larger corners, grouped by smaller corner in compressed rows.
 struct Sides {
     starts: Vec<usize>,
     of: Vec<(u32, usize)>,

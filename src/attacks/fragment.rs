@@ -6,8 +6,8 @@ use super::{AttackError, Target, compacted, share_of};
 use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 
-/// Keeps `share` of the triangles, at least one: those whose centroids are nearest to the centroid of
-/// a triangle drawn at random. They stay where they are.
+/// Keeps `share` of the triangles, at least one: those whose centroids are nearest to the centroid
+/// of a triangle drawn at random. Their coordinates do not change.
 ///
 /// # Errors
 /// [`AttackError::NoSurface`].
@@ -26,7 +26,7 @@ pub fn fragment(target: &Target<'_>, share: f64, seed: u64) -> Result<Mesh, Atta
     let kept = share_of(triangles.len(), share).clamp(1, triangles.len());
     order.select_nth_unstable_by(kept - 1, nearer);
     let mut numbers: Vec<usize> = order[..kept].iter().map(|&(_, number)| number).collect();
-    // In the file's order, which a tool that cuts keeps.
+    // In the file's order, as cutting tools keep it.
     numbers.sort_unstable();
     compacted(&surface.positions, numbers.into_iter().map(|number| triangles[number]).collect())
 }

@@ -1,9 +1,9 @@
-//! What may happen to a marked mesh: one family per file, each attack a pure function of a mesh,
-//! its parameters and a seed.
+//! Attacks on a marked mesh, one family per file. Each attack is a pure function of a mesh, its
+//! parameters and a seed.
 //!
-//! Vertices at one position are one point (`mesh::weld`) and are moved together, or seams would
-//! crack, which no attacker wants. Attacks that make new triangles give the welded surface: stray
-//! vertices, area-less triangles and the file's seams are gone.
+//! Vertices with the same position are one point (`mesh::weld`) and are moved together. Otherwise
+//! seams would crack, which no attacker wants. Attacks that make new triangles give the welded
+//! surface, without stray vertices, triangles without area and the file's seams.
 //!
 //! Must not know about files on disk, clocks or what is measured afterwards.
 
@@ -43,10 +43,10 @@ pub use attack::{Attack, Context};
 pub use named::Named;
 pub use target::Target;
 
-/// Why an attack leaves no mesh.
+/// Why an attack gives no mesh.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AttackError {
-    /// What is left is no mesh.
+    /// The result is not a valid mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
     /// The mesh cannot be marked again.
@@ -58,7 +58,7 @@ pub enum AttackError {
     /// Copies to be averaged are not copies of one mesh.
     #[error("the copies differ in their triangles or numbers of vertices")]
     CopiesDiffer,
-    /// It was told to stop.
+    /// The caller asked it to stop.
     #[error("stopped")]
     Stopped,
     /// There is no surface to work on.
@@ -66,7 +66,8 @@ pub enum AttackError {
     NoSurface,
 }
 
-/// A count as an index; meshes have fewer than 2^32 of anything ([`MeshError::TooLarge`]).
+/// A count as an index. Meshes have fewer than 2^32 vertices and triangles
+/// ([`MeshError::TooLarge`]).
 fn index(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
@@ -77,7 +78,7 @@ fn share_of(count: usize, share: f64) -> usize {
     (count as f64 * share.clamp(0.0, 1.0)).round() as usize
 }
 
-/// The mesh with its carriers at `positions`; other vertices stay.
+/// The mesh with its carrier vertices at `positions`; other vertices stay.
 fn with_carriers_at(target: &Target<'_>, positions: &[DVec3]) -> Result<Mesh, AttackError> {
     let (mesh, surface) = (target.mesh(), target.surface()?);
     let at = |(vertex, &carrier): (&DVec3, &u32)| {

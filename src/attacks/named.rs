@@ -1,4 +1,4 @@
-//! Attacks by stable names, alone or one after the other: what command lines and tables call them.
+//! Attacks by stable names, alone or in sequence, as command lines and tables call them.
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,16 +8,16 @@ use super::pipeline::in_a_row;
 use super::{Attack, AttackError, Context, Target};
 use crate::mesh::Mesh;
 
-/// A name, what follows it, what it means, and the attack of an amount.
+/// A name, the form of its amount, its meaning, and the attack with a given amount.
 type Name = (&'static str, &'static str, &'static str, fn(f64) -> Attack);
 
-/// A count; what is not one is none.
+/// An amount rounded to a count.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
 fn count(amount: f64) -> u32 {
     amount.clamp(0.0, f64::from(u32::MAX)).round() as u32
 }
 
-/// All names. Amounts are percent unless the meaning says otherwise.
+/// All names. An amount P is in percent, an amount N is a number.
 const NAMES: [Name; 26] = [
     ("none", "", "the file as it was handed out", |_| Attack::None),
     ("moved", "", "a random similarity", |_| Attack::Similarity),
@@ -58,7 +58,7 @@ const NAMES: [Name; 26] = [
     ("pipeline", "-N", "three attacks drawn at random by N", |n| Attack::Pipeline(count(n))),
 ];
 
-/// Attacks one after the other, by name: `crop-30+noise-0.5`.
+/// A sequence of attacks by name, such as `crop-30+noise-0.5`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Named {
     name: String,
@@ -72,7 +72,7 @@ impl Named {
         &self.steps
     }
 
-    /// What they leave of a mesh. The same seed gives the same mesh.
+    /// Applies the attacks one after the other. The same seed gives the same mesh.
     ///
     /// # Errors
     /// Those of the attacks.
@@ -85,7 +85,7 @@ impl Named {
         in_a_row(&self.steps, target, context, seed)
     }
 
-    /// All names, a line each.
+    /// All names with their meanings, one per line.
     #[must_use]
     pub fn help() -> String {
         let line = |&(name, amount, meaning, _): &Name| {
@@ -138,7 +138,7 @@ mod tests {
             let [attack] = *named.steps() else { panic!("{full}") };
             assert_eq!(named.to_string(), full);
             assert!(Named::help().contains(&format!("{name}{amount}")));
-            // The number counts.
+            // The amount matters.
             if !amount.is_empty() {
                 assert_ne!(format!("{name}-4").parse::<Named>().unwrap().steps(), [attack]);
             }

@@ -1,15 +1,15 @@
-//! Several attacks in a row, drawn at random.
+//! Sequences of attacks, drawn at random.
 
 use super::crop::Of;
 use super::{Attack, AttackError, Context, Target};
 use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 
-/// Attacks in a pipeline.
+/// Number of attacks in a pipeline.
 pub const STEPS: usize = 3;
 
-/// What pipelines are drawn from: each family, and in it each strength, equally often. All of them need
-/// nothing but the mesh.
+/// The attacks that pipelines are drawn from. Each family is equally likely, and within a family
+/// each strength. All of them need nothing but the mesh.
 const FAMILIES: [&[Attack]; 11] = [
     &[Attack::Noise(0.001), Attack::Noise(0.003), Attack::Noise(0.005)],
     &[Attack::Quantise(10), Attack::Quantise(8)],
@@ -27,7 +27,7 @@ const FAMILIES: [&[Attack]; 11] = [
     &[Attack::Fragment(0.1), Attack::Fragment(0.05), Attack::Fragment(0.02)],
 ];
 
-/// The attacks of pipeline `number`: of three different families, in the order in which they come.
+/// The attacks of pipeline `number`, in order. They are of three different families.
 #[must_use]
 pub fn steps(number: u32) -> [Attack; STEPS] {
     let mut random = Random::derived(u64::from(number), [u64::from_le_bytes(*b"pipeline"), 0, 0]);
@@ -36,7 +36,7 @@ pub fn steps(number: u32) -> [Attack; STEPS] {
     std::array::from_fn(|k| families[k][random.below(families[k].len())])
 }
 
-/// What [`steps`] leave of a mesh.
+/// Applies the [`steps`] of pipeline `number`.
 ///
 /// # Errors
 /// Those of the steps.
@@ -49,7 +49,7 @@ pub fn pipeline(
     in_a_row(&steps(number), target, context, seed)
 }
 
-/// What attacks one after the other leave of a mesh.
+/// Applies attacks one after the other.
 ///
 /// # Errors
 /// Those of the attacks.

@@ -1,7 +1,7 @@
-//! Seeds to random numbers: the same seed gives the same numbers in every release.
+//! Random numbers from seeds. The same seed gives the same numbers in every release.
 //!
-//! Raw words of a `ChaCha20` stream with arithmetic of our own, since the distributions of the
-//! `rand` crate may change from version to version. Must not draw a seed itself.
+//! They are raw words of a `ChaCha20` stream with our own arithmetic, since the distributions of
+//! the `rand` crate may change from version to version. Must not draw a seed itself.
 
 use std::f64::consts::TAU;
 
@@ -20,7 +20,7 @@ impl Random {
         Self::derived(seed, [0; 3])
     }
 
-    /// A stream of its own per seed and place in an experiment (trial, method, attack, ...).
+    /// A separate stream for each seed and position in an experiment (trial, method, attack, ...).
     #[must_use]
     pub fn derived(seed: u64, place: [u64; 3]) -> Self {
         let [a, b, c] = place;

@@ -1,4 +1,4 @@
-//! Marking what is marked already.
+//! An overmark: marking a marked mesh again.
 
 use glam::DVec3;
 
@@ -10,7 +10,7 @@ use crate::watermark::{
     Codeword, EmbedParams, Embedding, Host, MarkKey, Message, WatermarkError, embed,
 };
 
-/// Embeds a random message under a random key into the mesh, whatever it carries already (the
+/// Embeds a random message under a random key into the mesh, whatever marks it carries already (the
 /// second watermark of Cox et al. 1997, section V). Positions are rounded to single precision, as
 /// most files store them.
 ///
@@ -22,10 +22,10 @@ pub fn re_mark(mesh: &Mesh, params: &EmbedParams, seed: u64) -> Result<Mesh, Att
     Ok(Mesh::new(marked.positions, mesh.triangles().to_vec())?)
 }
 
-/// A mark key and a message of the asked length, both random.
+/// A random mark key and a random message of the requested length.
 ///
 /// # Errors
-/// None in truth: the length comes from a valid [`crate::watermark::BitCount`].
+/// None in practice: the length comes from a valid [`crate::watermark::BitCount`].
 pub fn key_and_message(
     params: &EmbedParams,
     random: &mut Random,
@@ -35,7 +35,8 @@ pub fn key_and_message(
     Ok((key, Message::from_bits(bits)?))
 }
 
-/// Embeds into a mesh without a file, as one with single-precision coordinates would store it.
+/// Embeds into a mesh in memory. Positions are rounded as a file with single-precision coordinates
+/// would store them.
 ///
 /// # Errors
 /// As [`embed`].
@@ -47,7 +48,7 @@ pub fn mark(
     mark_until(mesh, codeword, params, &|| false)
 }
 
-/// The same, asking `stop` between passes.
+/// As [`mark`]; ends when `stop`, which is called between passes, returns `true`.
 ///
 /// # Errors
 /// Also [`WatermarkError::Cancelled`].

@@ -4,12 +4,12 @@ use super::{AttackError, index};
 use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 
-/// Puts vertices and triangles in a random order and begins each triangle at a random corner.
-/// Nothing that depends on the surface alone may notice (Luo and Bors 2009, section 5: the vertex
-/// reordering attack).
+/// Puts vertices and triangles in a random order and begins each triangle at a random corner. A
+/// reader that depends on the surface alone must not be affected (Luo and Bors 2009, section 5: the
+/// vertex reordering attack).
 ///
 /// # Errors
-/// None in truth: the mesh stays one.
+/// None in practice: the result is a valid mesh.
 pub fn reorder(mesh: &Mesh, seed: u64) -> Result<Mesh, AttackError> {
     let mut random = Random::new(seed);
     let mut order: Vec<usize> = (0..mesh.positions().len()).collect();

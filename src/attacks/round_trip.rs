@@ -1,12 +1,12 @@
-//! Out into another file format and back.
+//! A round trip through other file formats.
 
 use super::AttackError;
 use crate::formats::{Asset, Limits};
 use crate::mesh::Mesh;
 use crate::sample::{to_glb, to_obj};
 
-/// Written as binary glTF (single precision), read, written as OBJ with six decimals (as common
-/// exporters do), and read again.
+/// Writes the mesh as binary glTF (single precision), reads it, writes it as OBJ with six decimals
+/// (as common exporters do), and reads it again.
 ///
 /// # Errors
 /// [`AttackError::Format`] when a coordinate does not fit into single precision, or when all of

@@ -1,10 +1,10 @@
-//! Moving, turning and scaling as a whole.
+//! Similarity transformations.
 
 use super::{AttackError, Target};
 use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 
-/// Largest factor of the random scaling, and one over the smallest.
+/// Largest factor of the random scaling. The smallest factor is its inverse.
 const MOST_SCALED: f64 = 10.0;
 
 /// Turns by a random rotation, scales evenly by a factor of 0.1 to 10 (uniform in its logarithm)
@@ -12,7 +12,7 @@ const MOST_SCALED: f64 = 10.0;
 /// (Luo and Bors 2009, section 5; Wang et al. 2010).
 ///
 /// # Errors
-/// [`AttackError::Mesh`] when coordinates are so large that they leave the range of numbers.
+/// [`AttackError::Mesh`] when coordinates overflow.
 pub fn similarity(target: &Target<'_>, seed: u64) -> Result<Mesh, AttackError> {
     let (mesh, surface) = (target.mesh(), target.welded()?);
     let mut random = Random::new(seed);

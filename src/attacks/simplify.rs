@@ -5,12 +5,12 @@ use crate::mesh::Mesh;
 use glam::DVec3;
 
 /// Removes `share` of the triangles by edge collapses in the order of their quadric error, with
-/// optimal places for the vertices that stay (Garland and Heckbert, *Surface simplification using
-/// quadric error metrics*, SIGGRAPH 1997, the paper's reference 17; here by the meshoptimizer library).
-/// Luo and Bors 2009, fig. 7: 0.05 to 0.95; Wang et al. 2010: 0.1 to 0.975.
+/// optimal positions for the vertices that stay (Garland and Heckbert, *Surface simplification
+/// using quadric error metrics*, SIGGRAPH 1997, the paper's reference 17; here by the meshoptimizer
+/// library). Luo and Bors 2009, fig. 7: 0.05 to 0.95; Wang et al. 2010: 0.1 to 0.975.
 ///
-/// The library works in single precision on the mesh scaled to a unit; it keeps the topology and
-/// may stop short of the share where that does not allow more.
+/// The library works in single precision on the mesh scaled to a diagonal of 1. It keeps the
+/// topology, and stops short of the share where the topology allows no more.
 ///
 /// # Errors
 /// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when nothing is left.

@@ -1,4 +1,4 @@
-//! Smoothing: the umbrella alone, after Taubin without its shrinking, and with cotangent weights.
+//! Smoothing by the umbrella operator: Laplacian, and Taubin's variant without shrinking.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -9,27 +9,29 @@ use crate::mesh::Mesh;
 use crate::mesh::adjacency::Adjacency;
 use crate::mesh::surface::Surface;
 
-/// Moves every point `lambda` of the way to the mean of its neighbours, all at once, `iterations`
-/// times (Taubin, *Geometric signal processing on polygonal meshes*, Eurographics 2000, with equal
+/// Moves all points at once `lambda` of the way to the mean of their neighbours, `iterations` times
+/// (Taubin, *Geometric signal processing on polygonal meshes*, Eurographics 2000, with equal
 /// weights; Luo and Bors 2009, fig. 6: lambda 0.5; Wang et al. 2010: lambda 0.1).
 ///
 /// Each triangle counts its corners as neighbours, so that inside a closed surface all weights are
-/// equal. A point on a border is drawn to the mean of itself and its neighbours along the border
-/// only, as in `MeshLab`, so that holes do not grow.
+/// equal. A point on a border moves only towards the mean of itself and its neighbours along the
+/// border, as in `MeshLab`, so that holes do not grow.
 ///
 /// # Errors
-/// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when a `lambda` above 1 makes it diverge.
+/// [`AttackError::NoSurface`]; [`AttackError::Mesh`] when a `lambda` above 1 makes the steps
+/// diverge.
 pub fn laplacian(target: &Target<'_>, lambda: f64, iterations: usize) -> Result<Mesh, AttackError> {
     let steps = std::iter::repeat_n(lambda, iterations);
     umbrella(target, steps)
 }
 
-/// Lambda and mu as `MeshLab` has them by default.
+/// Lambda and mu, as in `MeshLab`'s defaults.
 pub const TAUBIN: [f64; 2] = [0.5, -0.53];
 
-/// Smooths by `lambda` as [`laplacian`] does, then by the negative `mu`, `iterations` times both: a
-/// low pass that does not shrink where `0 < lambda < -mu` (Taubin, *A signal processing approach to
-/// fair surface design*, SIGGRAPH 1995; the pass band of [`TAUBIN`] ends at `1/lambda + 1/mu = 0.11`).
+/// Alternates a step by `lambda`, as in [`laplacian`], and a step by the negative `mu`,
+/// `iterations` times. This is a low-pass filter that does not shrink the surface if `0 < lambda <
+/// -mu` (Taubin, *A signal processing approach to fair surface design*, SIGGRAPH 1995; the pass
+/// band of [`TAUBIN`] ends at `1/lambda + 1/mu = 0.11`).
 ///
 /// # Errors
 /// As [`laplacian`].
@@ -41,7 +43,7 @@ pub fn taubin(
     umbrella(target, (0..iterations).flat_map(|_| [lambda, mu]))
 }
 
-/// Moves every point by each of `steps` times the way to the mean of its neighbours.
+/// For each of `steps`, moves every point by that share of the way to the mean of its neighbours.
 fn umbrella(target: &Target<'_>, steps: impl Iterator<Item = f64>) -> Result<Mesh, AttackError> {
     let mut now = target.surface()?.positions.clone();
     let rings = target.rings()?;
@@ -59,7 +61,8 @@ fn umbrella(target: &Target<'_>, steps: impl Iterator<Item = f64>) -> Result<Mes
     with_carriers_at(target, &now)
 }
 
-/// Per vertex, whom it is averaged with (some twice), as compressed rows.
+/// For each vertex, the vertices that it is averaged with, in compressed rows. Some are listed
+/// twice.
 pub(super) struct Rings {
     starts: Vec<usize>,
     members: Vec<u32>,

@@ -1,4 +1,5 @@
-//! Stray vertices and spikes: little to see, but the radial range of a reader hangs on extremes.
+//! Stray vertices and spikes. They are hardly visible, but the radial range of a blind reader
+//! depends on extremes.
 
 use glam::DVec3;
 
@@ -6,11 +7,11 @@ use super::{AttackError, Target, with_carriers_at};
 use crate::attacks::random::Random;
 use crate::mesh::Mesh;
 
-/// Adds `count` vertices that no triangle uses, up to one diagonal outside the bounding box. (The
-/// Stanford bunny comes with 1,113 unused vertices; a reader who lets them set the range is lost.)
+/// Adds `count` vertices that no triangle uses, up to one diagonal outside the bounding box. The
+/// Stanford bunny has 1,113 such vertices; a reader that takes its range from them fails.
 ///
 /// # Errors
-/// None in truth: the mesh stays one.
+/// None in practice: the result is a valid mesh.
 pub fn stray_vertices(target: &Target<'_>, count: usize, seed: u64) -> Result<Mesh, AttackError> {
     let (mesh, surface) = (target.mesh(), target.welded()?);
     let (centre, reach) = (surface.centre(), 1.5 * surface.diagonal());
@@ -23,9 +24,9 @@ pub fn stray_vertices(target: &Target<'_>, count: usize, seed: u64) -> Result<Me
     Ok(Mesh::new(positions, mesh.triangles().to_vec())?)
 }
 
-/// Pulls `count` random points away from the centre by `height` of their distance. With the
-/// farthest point pulled out by 0.01 the blind reader of a Stanford bunny read 59 % of the bits
-/// wrong (docs/method.md, section 7): the first spike is therefore always that point.
+/// Moves `count` random points away from the centre by `height` of their distance. With the
+/// farthest point moved out by 0.01, the blind reader of a Stanford bunny read 59 % of the bits
+/// wrong (docs/method.md, section 7). The first spike is therefore always that point.
 ///
 /// # Errors
 /// [`AttackError::NoSurface`].

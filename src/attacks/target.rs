@@ -1,5 +1,5 @@
-//! The mesh that is attacked, and what several attacks want to know of it: each made when it is
-//! first asked for, once for all attacks on the mesh.
+//! The mesh that is attacked, with structures that several attacks need. Each structure is made at
+//! first use, once for all attacks on the mesh.
 
 use std::cell::OnceCell;
 
@@ -13,8 +13,8 @@ use crate::mesh::surface::Surface;
 
 /// A mesh to be attacked.
 ///
-/// Not `Sync`, and meant so: what is made at first need may be made by several threads, and one that
-/// waits for the others may take up another task meanwhile, which must not wait for the same thing.
+/// It is not `Sync`, on purpose. Several threads may make a structure together. A thread that waits
+/// for the others may take up another task, and that task must not wait for the same structure.
 pub struct Target<'a> {
     mesh: &'a Mesh,
     surface: OnceCell<Surface>,
@@ -25,7 +25,7 @@ pub struct Target<'a> {
 }
 
 impl<'a> Target<'a> {
-    /// Of a mesh; nothing is made yet.
+    /// A target for a mesh. No structure is made yet.
     #[must_use]
     pub fn new(mesh: &'a Mesh) -> Self {
         Self {
@@ -38,18 +38,18 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Of a mesh, as long as `stop` answers `false`.
+    /// A target for a mesh, whose attacks end once `stop` returns `true`.
     #[must_use]
     pub fn until(mesh: &'a Mesh, stop: Stop<'a>) -> Self {
         Self { stop, ..Self::new(mesh) }
     }
 
-    /// Of what an attack left, under the same `stop`.
+    /// A target for the result of an attack, with the same `stop`.
     pub(super) fn same_stop<'b>(&'b self, mesh: &'b Mesh) -> Target<'b> {
         Target::until(mesh, self.stop)
     }
 
-    /// Asked in attacks that take long.
+    /// Called in attacks that take long, to end them once `stop` returns `true`.
     ///
     /// # Errors
     /// [`AttackError::Stopped`].
@@ -63,7 +63,7 @@ impl<'a> Target<'a> {
         self.mesh
     }
 
-    /// The welded surface, also where no triangle has an area.
+    /// The welded surface, even if no triangle has an area.
     ///
     /// # Errors
     /// [`AttackError::Stopped`].
@@ -74,7 +74,7 @@ impl<'a> Target<'a> {
     /// The welded surface.
     ///
     /// # Errors
-    /// [`AttackError::NoSurface`] when no triangle has an area.
+    /// [`AttackError::NoSurface`] when no triangle has an area; [`AttackError::Stopped`].
     pub fn surface(&self) -> Result<&Surface, AttackError> {
         let surface = self.welded()?;
         self.go_on()?;
@@ -101,7 +101,7 @@ impl<'a> Target<'a> {
         })
     }
 
-    /// Whom each vertex of the surface is averaged with.
+    /// For each vertex of the surface, the vertices that it is averaged with.
     ///
     /// # Errors
     /// [`AttackError::Stopped`].
@@ -110,7 +110,7 @@ impl<'a> Target<'a> {
     }
 }
 
-/// What a cell holds, made at first need; nothing is kept of what fails.
+/// The content of a cell, made at first use. A failure is not stored.
 fn once<T>(
     cell: &OnceCell<T>,
     make: impl FnOnce() -> Result<T, AttackError>,

@@ -13,7 +13,7 @@ fn blob() -> Mesh {
     Sample::Blob.mesh(3000).unwrap()
 }
 
-/// An octahedron without its upper half's last triangle: a border, irregular vertices.
+/// An octahedron without one of its upper triangles. It has a border and irregular vertices.
 fn open_octahedron() -> Mesh {
     let p = DVec3::new;
     let positions = vec![
@@ -29,7 +29,7 @@ fn open_octahedron() -> Mesh {
     Mesh::new(positions, triangles).unwrap()
 }
 
-/// V - E + F, and edges that are not between two triangles.
+/// V - E + F, and the number of edges that are not between two triangles.
 fn topology(mesh: &Mesh) -> (i64, usize) {
     let edges = Edges::new(mesh.triangles());
     let count = |n: usize| i64::try_from(n).unwrap();
@@ -142,7 +142,7 @@ fn seams_do_not_crack() {
 
 #[test]
 fn smoothing_draws_to_the_neighbours() {
-    // A flat fan whose centre is lifted; its rim is a border and keeps its own plane.
+    // A flat fan with a lifted centre. Its rim is a border and stays in its plane.
     let rim = |k: u32| {
         let angle = std::f64::consts::TAU * f64::from(k) / 6.0;
         DVec3::new(angle.cos(), angle.sin(), 0.0)
@@ -190,8 +190,8 @@ fn taubin_smoothing_takes_ripples_and_leaves_the_size() {
 
 #[test]
 fn cotangent_smoothing_moves_along_the_normal_only() {
-    // A plane in triangles of many shapes: nothing is rough, so nothing moves, where the umbrella
-    // slides every point.
+    // A plane with triangles of many shapes. It has no roughness, so points should hardly move; the
+    // umbrella slides every point.
     let n = 12_u32;
     let mut random = crate::attacks::random::Random::new(3);
     let positions = (0..n * n).map(|i| {
@@ -283,7 +283,7 @@ fn pipelines_are_three_attacks_of_different_families() {
     assert_eq!(once, then);
 }
 
-/// Two boxes that touch in a face, and a ball's worth of both in one.
+/// Two overlapping blobs, and two cubes that touch in a face.
 #[test]
 fn voxel_extraction_makes_one_of_parts_that_touch_or_overlap() {
     let blob = Sample::Blob.mesh(3000).unwrap();
@@ -299,7 +299,7 @@ fn voxel_extraction_makes_one_of_parts_that_touch_or_overlap() {
     let new = voxel::voxel(&Target::new(&two), 0.02, 4).unwrap();
     assert_eq!(topology(&new), (2, 0));
 
-    // Cubes over each other: the face between them is there twice.
+    // Stacked cubes. The face between them exists twice.
     let cube = |low: f64| {
         let at = |k: u32| {
             let bit = |by: u32| f64::from(k >> by & 1);
@@ -429,7 +429,7 @@ fn subdivision_multiplies_triangles_and_keeps_the_topology() {
         assert_eq!(topology(&finer), (2, 0), "{name}");
         let mrms = relative_mrms(&host, &finer);
         assert!(mrms < most, "{name}: {mrms:e}");
-        // The normals agree: as many edges as before run both ways.
+        // Triangles keep their orientation, so the volume keeps its sign.
         let volume = |m: &Mesh| -> f64 {
             let corner = |t: &[u32; 3]| t.map(|v| m.positions()[v as usize]);
             m.triangles().iter().map(corner).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum()
@@ -445,7 +445,7 @@ fn interpolating_schemes_keep_old_vertices_and_planes() {
     let host = blob();
     let finer = subdivide::butterfly(&Target::new(&host)).unwrap();
     assert_eq!(finer.positions()[..host.positions().len()], *host.positions());
-    // A regular plane stays one under every scheme: the inside of a grid.
+    // Inside a regular grid, a plane stays a plane under every scheme.
     let n = 8_u32;
     let positions = (0..n * n).map(|i| DVec3::new(f64::from(i % n), f64::from(i / n), 0.0));
     let triangles = (0..n - 1).flat_map(|y| {
@@ -503,7 +503,7 @@ fn what_changes_no_distance_ratio_changes_no_bit() {
         let wrong = wrong.filter(|(read, meant)| read.is_some_and(|bit| bit != **meant)).count();
         assert_eq!(wrong, 0, "{attack}");
     }
-    // The farthest point pulled out spoils the blind reader's range.
+    // Moving the farthest point out spoils the blind reader's range.
     let spiked = Attack::Spikes { count: 1, height: 0.05 }
         .apply(&Target::new(&marked), &context, 2)
         .unwrap();

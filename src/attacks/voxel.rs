@@ -1,4 +1,4 @@
-//! A new surface through the cells of a grid.
+//! A new surface extracted from a voxel grid.
 
 use glam::DVec3;
 
@@ -10,19 +10,20 @@ use crate::mesh::Mesh;
 use crate::mesh::closest::{Closest, Footpoint};
 use crate::mesh::surface::{Surface, doubled_area};
 
-/// Rounding of distances, as a share of a cell.
+/// Tolerance for rounding of distances, as a share of a cell.
 const ROUNDING: f64 = 1e-6;
 
 /// Extracts the surface anew by marching cubes from its signed distance at the corners of a cubic
-/// grid with cells of `share` of the diagonal, which lies as the seed has it; no vertex or triangle
-/// stays. The grid's axes are the file's. This is what "uniform resampling" and "voxel remeshing" of
-/// common programs do.
+/// grid. The cells measure `share` of the diagonal. The grid has the axes of the file and an offset
+/// drawn from the seed. No vertex or triangle stays. Common programs call this "uniform resampling"
+/// or "voxel remeshing".
 ///
-/// Of a closed surface, a corner is inside where the surface winds around it (`Winding`): parts that
-/// touch or pass through each other become one. Of any other, where the angle-weighted normal at its
-/// closest point looks away from it (Bærentzen and Aanæs, *Signed distance computation using the angle
-/// weighted pseudonormal*, IEEE TVCG 11(3), 2005); it stays open and loses up to a cell along its
-/// borders, and along lines where it passes through itself (`extract`).
+/// In a closed surface, a corner is inside if the surface winds around it (`Winding`). Parts that
+/// touch or pass through each other become one. In any other surface, a corner is inside if the
+/// angle-weighted normal at its closest point faces away from it (Bærentzen and Aanæs, *Signed
+/// distance computation using the angle weighted pseudonormal*, IEEE TVCG 11(3), 2005). Such a
+/// surface stays open. It loses up to a cell along its borders, and along lines where it passes
+/// through itself (`extract`).
 ///
 /// # Errors
 /// [`AttackError::NoSurface`], also where all parts are thinner than a cell.
@@ -49,7 +50,7 @@ pub fn voxel(target: &Target<'_>, share: f64, seed: u64) -> Result<Mesh, AttackE
     }
 }
 
-/// A surface ready to be asked how far away it is, and on which side.
+/// A surface prepared for signed distances.
 struct SignedDistance<'a> {
     surface: &'a Surface,
     edges: &'a Edges,
@@ -81,7 +82,7 @@ impl<'a> SignedDistance<'a> {
         Some(Self { surface, edges, closest, of_triangles, of_edges, of_vertices })
     }
 
-    /// Negative inside.
+    /// The signed distance of a point, negative inside.
     fn at(&self, point: DVec3) -> f64 {
         let foot = self.closest.footpoint(point);
         let from = point - foot.place;

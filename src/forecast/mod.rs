@@ -1,18 +1,18 @@
-//! What a mark will survive, foretold before it is made: the false-positive bound after each attack
-//! of [`ATTACKS`], as a blind detector reads it in the suspect's own frame for one record. (The
-//! other detectors of a verification only add to that.)
+//! Predicts what a mark will survive before it is made: the false-positive bound after each attack
+//! of [`ATTACKS`], as a blind detector reads it in the suspect's own frame for one record. The
+//! other detectors of a verification can only improve on it.
 //!
-//! Where the mesh is not too large, a mark is rehearsed (`rehearsal`), and a line fitted to runs of
-//! the lab takes the rehearsed bound to the expected one: another key, message and seed will fare
-//! otherwise, the more so where marks begin to fail.
+//! If the mesh is not too large, a mark is rehearsed (`rehearsal`). A line fitted to runs of the
+//! lab maps the rehearsed bound to the expected one. Another key, message and seed give another
+//! bound, most of all where marks begin to fail.
 //!
-//! Else, and for remeshing, a model of counts: a bin reads its bit right with probability
-//! `p = Phi(f)`, where the signal over noise `f` is
-//! `exp(theta . (1, ln strength, ln vertices per bin, ln size in bins, variance))`; with all bins
-//! alike, the bound is Chernoff's at an agreement of `2 p - 1`.
+//! Otherwise, and for remeshing, the bound comes from a model of counts. A bin reads its bit right
+//! with probability `p = Phi(f)`, where the signal-to-noise ratio `f` is `exp(theta . (1, ln
+//! strength, ln vertices per bin, ln size in bins, variance))`. All bins are taken as alike, and
+//! the bound is Chernoff's at an agreement of `2 p - 1`.
 //!
 //! Both were fitted by `benches/lab/forecast.py`, which also states the errors: root mean squares
-//! over meshes that the fit had not seen.
+//! over meshes that were left out of the fit.
 
 mod rehearsal;
 mod table;
@@ -28,12 +28,12 @@ use crate::watermark::{EmbedParams, Modulation, log10_chernoff};
 use rehearsal::rehearse;
 use table::TABLE;
 
-/// Carriers up to which a mark is rehearsed: twenty attacks on more would keep a worker, and four
-/// times their number in memory, for seconds.
+/// Largest number of carrier vertices with which a mark is rehearsed. With more, twenty attacks
+/// would occupy a worker, and memory for four times as many carriers, for seconds.
 const MOST_CARRIERS: usize = 200_000;
 
-/// The same for triangles, of which a closed surface has twice as many: a file may repeat them over few
-/// carriers.
+/// The same limit for triangles. A closed surface has twice as many triangles as carriers, but a
+/// file may repeat triangles over few carriers.
 const MOST_TRIANGLES: usize = 3 * MOST_CARRIERS;
 
 /// Attacks of which something is said: at least one of most families, mostly where marks begin to fail.
@@ -64,15 +64,15 @@ pub const ATTACKS: [Attack; 20] = [
 struct Coefficients {
     /// Its name.
     attack: &'static str,
-    /// From counts alone.
+    /// Coefficients of the model of counts.
     theta: [f64; 5],
     /// Root mean square error of the bound's logarithm.
     error: f64,
-    /// From a rehearsal, where the attack is rehearsed.
+    /// The line from the rehearsed bound, if the attack is rehearsed.
     line: Option<Line>,
 }
 
-/// From the rehearsed bound to the expected one.
+/// Maps the rehearsed bound to the expected one.
 struct Line {
     start: f64,
     slope: f64,
@@ -88,12 +88,13 @@ pub struct Expected {
     pub log10_fp: f64,
     /// Root mean square error of that number, on meshes that the model was not fitted to.
     pub error: f64,
-    /// What the rehearsal came to, before the fit.
+    /// The bound of the rehearsal, before the line is applied.
     pub rehearsed: Option<f64>,
 }
 
-/// The bound to expect after each of [`ATTACKS`], in their order; empty for a mesh that
-/// cannot be marked. With `stop` answering `true` it ends early and tells less well.
+/// The expected bound after each of [`ATTACKS`], in their order; empty for a mesh that
+/// cannot be marked. Once `stop` returns `true`, rehearsals end and the prediction is less
+/// accurate.
 #[must_use]
 pub fn expected(
     host: &Mesh,
@@ -118,10 +119,10 @@ pub fn expected(
     TABLE.iter().enumerate().map(after).collect()
 }
 
-/// Of bins that are all alike, the share read right less that read wrong: 2 Phi(f) - 1.
+/// For bins that are all alike, the share read right minus the share read wrong: 2 Phi(f) - 1.
 fn agreement(fit: &Coefficients, features: [f64; 5]) -> f64 {
     let dot: f64 = fit.theta.iter().zip(features).map(|(t, x)| t * x).sum();
-    // As in the fit: no bin is surer than exp(5) deviations.
+    // As in the fit, the signal is at most exp(5) standard deviations.
     let signal = libm::exp(dot.clamp(-20.0, 5.0));
     libm::erf(signal / std::f64::consts::SQRT_2)
 }

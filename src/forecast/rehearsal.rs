@@ -1,6 +1,6 @@
-//! A rehearsal: a mark made in memory and met by the attacks, to see what would be left of a real
-//! one. What decides where marks begin to fail, how far an attack moves the centre by swelling the
-//! area of fine parts, shows here as it will show then.
+//! A rehearsal: a mark is made in memory and attacked, to measure what would be left of a real
+//! mark. Where marks begin to fail depends on how far an attack moves the centre by enlarging the
+//! area of fine parts. The rehearsal shows that as a real mark would.
 
 use rayon::prelude::*;
 
@@ -10,17 +10,18 @@ use crate::attacks::{Attack, Context, Target};
 use crate::mesh::Mesh;
 use crate::watermark::{BitCount, Codeword, EmbedParams, Method, Modulation, SoftBits, Suspect};
 
-/// Seed of the rehearsed mark's key and message, and of the attacks. Any number would do; a fixed
-/// one makes the answer repeat.
+/// Seed of the rehearsed mark's key and message, and of the attacks. The value is arbitrary; it is
+/// fixed so that the answer repeats.
 const SEED: u64 = 20_090_626;
 
-/// Triangles up to which simplification is rehearsed. It is one call of a library that cannot be
-/// stopped; of so many it takes, with what is around it, 70 ms (`benches/stops.rs`).
+/// Largest number of triangles with which simplification is rehearsed. Simplification is one call
+/// of a library that cannot be stopped. At this size, it and the work around it take 70 ms
+/// (`benches/stops.rs`).
 const MOST_SIMPLIFIED: usize = 80_000;
 
-/// Whether an attack is rehearsed on so many triangles. Remeshing takes ten times as long as all others together; what
-/// changes no norm is as good as none; and of further marks a rehearsal foretold no more than counts
-/// do.
+/// Whether an attack is rehearsed on this number of triangles. Remeshing takes ten times as long as
+/// all other attacks together. An attack that changes no norm equals no attack. For further marks,
+/// a rehearsal predicted no better than counts do.
 fn is_rehearsed(attack: Attack, triangles: usize) -> bool {
     if matches!(attack, Attack::Simplify(_)) {
         return triangles <= MOST_SIMPLIFIED;
@@ -39,8 +40,8 @@ fn is_rehearsed(attack: Attack, triangles: usize) -> bool {
 /// Decimal logarithms of the bounds after each attack; `None` where an attack is not rehearsed or
 /// nothing is left. Empty when the mesh does not carry the mark.
 ///
-/// The mark has the modulation, strength and size that are asked about, and the paper's placement,
-/// which is made in a tenth of the time of the `exact` one and fades alike.
+/// The mark has the requested modulation, strength and number of bits. It has the paper's
+/// placement, which takes a tenth of the time of the `exact` one and fades in the same way.
 #[must_use]
 pub fn rehearse(
     host: &Mesh,
@@ -77,7 +78,7 @@ pub fn rehearse(
     numbered.into_par_iter().with_max_len(1).map(after).collect()
 }
 
-/// The blind bound.
+/// The false-positive bound of a blind reading.
 fn bound(
     suspect: &Mesh,
     codeword: &Codeword,

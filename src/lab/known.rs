@@ -1,12 +1,13 @@
-//! Rows of earlier runs, and whether they can stand beside those of this one: keys and messages depend
-//! on the seed and on a host's place among the files, and a report tells of all its rows as of one run.
+//! Whether rows of earlier runs can be reported together with the rows of this run. Keys and
+//! messages depend on the seed and on a host's position among the files, and a report treats all
+//! its rows as one run.
 
 use std::collections::BTreeMap;
 
 use super::row::Row;
 use super::run::{Plan, Subject};
 
-/// Why rows cannot be of a plan.
+/// Why rows cannot belong to a plan.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Stranger {
     /// They come from another seed.
@@ -19,7 +20,7 @@ pub enum Stranger {
         /// Seed of the plan.
         ours: u64,
     },
-    /// Their host was another one of the files.
+    /// Their host had another position among the files.
     #[error(
         "{mesh} was file {theirs} of the run that the rows are of, and is file {ours} now: name the \
          files in the same order, on which keys depend"
@@ -27,9 +28,9 @@ pub enum Stranger {
     Place {
         /// The host.
         mesh: String,
-        /// Its place then, from 1.
+        /// Its position then, from 1.
         theirs: usize,
-        /// Its place now, from 1.
+        /// Its position now, from 1.
         ours: usize,
     },
     /// Their host has the same name and is another mesh.
@@ -47,7 +48,7 @@ pub enum Stranger {
         "the rows call file {place} {theirs}, and it is called {ours} now: give it its name of then"
     )]
     Name {
-        /// Its place, from 1.
+        /// Its position, from 1.
         place: usize,
         /// Its name then.
         theirs: String,
@@ -62,14 +63,14 @@ pub enum Stranger {
     Mixed {
         /// The host.
         mesh: String,
-        /// Its place in the one run, from 1.
+        /// Its position in the one run, from 1.
         first: usize,
-        /// Its place in the other, from 1.
+        /// Its position in the other, from 1.
         second: usize,
     },
 }
 
-/// What a mesh is known by.
+/// What identifies a mesh.
 #[derive(Clone, Copy)]
 struct Identity {
     vertices: usize,
@@ -89,7 +90,7 @@ impl Identity {
     }
 
     fn is(self, other: Self) -> bool {
-        // Written and read again, a number is the same; another release may sum it differently.
+        // Writing and reading does not change a number, but another release may sum it differently.
         let alike = (self.diagonal - other.diagonal).abs() <= 1e-9 * self.diagonal.abs();
         self.vertices == other.vertices && self.triangles == other.triangles && alike
     }
@@ -107,19 +108,19 @@ impl Identity {
     }
 }
 
-/// What the rows of one host say of it.
+/// What the rows of one host say about it.
 struct Told {
     identity: Identity,
-    /// Its place among the files, if any row says it.
+    /// Its position among the files, if any row has it.
     place: Option<usize>,
 }
 
 impl Plan<'_> {
-    /// Whether the known rows can be of this plan, as far as they tell: earlier versions wrote neither
-    /// seed nor place.
+    /// Checks that the known rows can belong to this plan. Rows of earlier versions have neither
+    /// seed nor position, and are not checked for them.
     ///
     /// # Errors
-    /// [`Stranger`], by the first row that cannot.
+    /// [`Stranger`], for the first row that cannot.
     pub fn check_known(&self) -> Result<(), Stranger> {
         let mut hosts: BTreeMap<&str, Told> = BTreeMap::new();
         for row in self.known {
@@ -140,7 +141,7 @@ impl Plan<'_> {
         hosts.into_iter().try_for_each(|(mesh, told)| self.check_host(mesh, &told))
     }
 
-    /// Whether a host of rows is the file of that name, at its place.
+    /// Checks that a host of the rows is the file of that name, at the same position.
     fn check_host(&self, mesh: &str, told: &Told) -> Result<(), Stranger> {
         let mut files = self.subjects.iter().enumerate();
         if let Some((own, subject)) = files.find(|(_, subject)| subject.name == mesh) {
@@ -165,7 +166,7 @@ impl Plan<'_> {
     }
 }
 
-/// A place as people count, whatever a file says.
+/// A position counted from 1. It does not overflow, whatever a file says.
 fn from_1(place: usize) -> usize {
     place.saturating_add(1)
 }

@@ -1,27 +1,27 @@
-//! What is measured: how well a mark is still read, and how far an attack went.
+//! Measurements: how well a mark is still read, and how much an attack distorted the mesh.
 
 use crate::mesh::Mesh;
 use crate::mesh::distortion::Measured;
 use crate::mesh::surface::Surface;
 use crate::watermark::{Codeword, Frame, Modulation, SoftBits, Suspect, WatermarkError};
 
-/// Samples on edges, and in triangles, for the distance of an attacked mesh. Fewer than for marks:
-/// damage of whole percents needs no third digit.
+/// Number of samples on edges, and in triangles, for the distance of an attacked mesh. It is
+/// smaller than for marks, since damage of whole percents needs no third digit.
 const SAMPLES: usize = 20_000;
 
 /// How well a suspect agrees with the mark that it should carry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detection {
-    /// Bins that read their bit.
+    /// Number of bins that read their bit right.
     pub right: usize,
-    /// Bins that read the other.
+    /// Number of bins that read their bit wrong.
     pub wrong: usize,
-    /// Bins with too few vertices to read anything.
+    /// Number of bins with too few vertices to read anything.
     pub erased: usize,
     /// Decimal logarithm of the bound on the false-positive probability, for one record.
     pub log10_bound: f64,
-    /// The same in the host's own frame, which the registry knows; it helps as long as the suspect
-    /// was not moved.
+    /// The same in the host's frame, which the registry stores. It helps only if the suspect was
+    /// not moved.
     pub log10_bound_in_place: f64,
 }
 
@@ -63,13 +63,14 @@ pub struct Damage {
     pub hausdorff: f64,
 }
 
-/// A host, or a mesh that is measured against one, as Metro does it. `None` when there is no surface.
+/// The surface of a host, or of a mesh that is measured against one, sampled as in Metro. `None` if
+/// there is no surface.
 #[must_use]
 pub fn measured(surface: &Surface) -> Option<Measured> {
     Measured::new(surface, SAMPLES)
 }
 
-/// How far `attacked` is from the host. `None` when there is no surface left.
+/// How far `attacked` is from the host. `None` if no surface is left.
 #[must_use]
 pub fn damage(host: &Measured, attacked: &Mesh) -> Option<Damage> {
     let d = host.against(&measured(&Surface::new(attacked))?);

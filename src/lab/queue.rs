@@ -1,15 +1,15 @@
 //! Work taken in order by all cores.
 //!
-//! Each worker takes the next piece when it is done with one and has a share of the threads for
-//! itself: a run that is ended has done the first pieces and not some from everywhere, and a piece
-//! that waits for its own parallel sums does not begin another meanwhile, as on one common pool.
+//! Each worker takes the next piece when it has finished one, and has its own share of the threads.
+//! So a run that is ended early has done the first pieces, not scattered ones. A worker that waits
+//! for its own parallel sums does not begin another piece meanwhile, as it would in a common pool.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// `work` of 0 to `count`, in the order of the numbers.
+/// Results of `work` for the numbers from 0 up to `count`, in their order.
 pub fn in_order<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let threads = rayon::current_num_threads();
     let workers = threads.min(count).max(1);
@@ -38,7 +38,7 @@ pub fn in_order<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<
                 scope.spawn(|| pool.install(take));
             }
         }),
-        // No more threads to be had: this one does it.
+        // No more threads can be started: this thread does the work.
         Err(_) => take(),
     }
     let mut done = done.into_inner().unwrap_or_default();

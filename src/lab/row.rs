@@ -5,10 +5,11 @@ use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
-/// A row; the same seed gives the same, so that no time of day or duration is in it. Distances are shares of the host's bounding-box diagonal; what was not measured is empty.
+/// A row. The same seed gives the same row, so it has no time of day and no duration. Distances are
+/// shares of the host's bounding-box diagonal. What was not measured is empty.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Row {
-    /// What it is for, see [`Experiment`](super::grid::Experiment).
+    /// Name of the [`Experiment`](super::grid::Experiment).
     pub experiment: String,
     /// The host's name.
     pub mesh: String,
@@ -18,9 +19,9 @@ pub struct Row {
     pub triangles: usize,
     /// Bounding-box diagonal of the host, in its unit.
     pub diagonal: f64,
-    /// The method asked for.
+    /// The requested method.
     pub method: String,
-    /// The strength asked for; with a budget, the most allowed.
+    /// The requested strength; with a budget, the largest allowed strength.
     pub strength: f64,
     /// Bits of the mark.
     pub bits: usize,
@@ -30,9 +31,9 @@ pub struct Row {
     pub budget: Option<f64>,
     /// Number of the trial.
     pub trial: usize,
-    /// Seed of the run. Like the next, not in rows of earlier versions.
+    /// Seed of the run. Rows of earlier versions have neither this nor `place`.
     pub seed: Option<u64>,
-    /// Place of the host among the files of the run, from 0.
+    /// Position of the host among the files of the run, from 0.
     pub place: Option<usize>,
     /// The method that chose the positions.
     pub method_used: Option<String>,
@@ -42,9 +43,9 @@ pub struct Row {
     pub mark_mrms: Option<f64>,
     /// Hausdorff distance of the mark.
     pub mark_hausdorff: Option<f64>,
-    /// Mean angle that the mark turned normals by, in degrees.
+    /// Mean angle by which the mark turned normals, in degrees.
     pub mark_normal_deviation: Option<f64>,
-    /// Triangles that the mark turned by more than 90 degrees.
+    /// Number of triangles that the mark turned by more than 90 degrees.
     pub mark_flipped: Option<usize>,
     /// How visible the mark is, by [`msdm2`](super::perceived::msdm2); measured in the first trial.
     pub mark_perceived: Option<f64>,
@@ -66,21 +67,22 @@ pub struct Row {
     pub log10_bound: Option<f64>,
     /// The same in the host's frame.
     pub log10_bound_in_place: Option<f64>,
-    /// The same of the relief, read against the host, all poses that were tried counted; empty where the
-    /// mark has none, or the surface is nowhere near the host. Not in rows of earlier versions.
+    /// The same of the relief, read against the host, with all pose hypotheses counted. Empty if
+    /// the mark has no relief, or if the surface is nowhere near the host. Rows of earlier versions
+    /// do not have it.
     pub log10_bound_relief: Option<f64>,
     /// MRMS of the attacked mesh from the host; measured in the first trial of the first mark.
     pub attacked_mrms: Option<f64>,
     /// Hausdorff distance of the attacked mesh from the host, likewise.
     pub attacked_hausdorff: Option<f64>,
-    /// Why there is nothing to tell.
+    /// Why there is no result.
     pub error: Option<String>,
 }
 
 /// All rows as CSV with a header line.
 ///
 /// # Errors
-/// None in truth: writing to memory does not fail.
+/// None in practice: writing to memory does not fail.
 pub fn to_csv(rows: &[Row]) -> Result<Vec<u8>, csv::Error> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {
@@ -89,7 +91,7 @@ pub fn to_csv(rows: &[Row]) -> Result<Vec<u8>, csv::Error> {
     writer.into_inner().map_err(|error| csv::Error::from(error.into_error()))
 }
 
-/// Rows written trial after trial as they come, so that a run that is killed leaves what was made.
+/// Writes rows trial by trial as they are made, so that a killed run leaves its finished trials.
 pub struct Journal<W: Write> {
     file: W,
     /// Whether there is a header line.
@@ -97,7 +99,7 @@ pub struct Journal<W: Write> {
 }
 
 impl<W: Write> Journal<W> {
-    /// A journal that begins, or goes on after other rows.
+    /// A journal that begins in `file`, or one that continues after other rows.
     pub fn new(file: W, goes_on: bool) -> Self {
         Self { file, begun: goes_on }
     }
@@ -105,7 +107,7 @@ impl<W: Write> Journal<W> {
     /// Adds rows, all in one write.
     ///
     /// # Errors
-    /// When the file cannot be written; its last line may be half a one then, and nothing must be
+    /// When the file cannot be written. Its last line may then be incomplete, and no rows must be
     /// added any more.
     pub fn add(&mut self, rows: &[Row]) -> Result<(), csv::Error> {
         let mut lines = csv::WriterBuilder::new().has_headers(!self.begun).from_writer(Vec::new());
@@ -119,11 +121,10 @@ impl<W: Write> Journal<W> {
     }
 }
 
-/// The rows of an earlier run, or of its journal, whose last line may have been cut off and is left
-/// out then.
+/// The rows of an earlier run, or of its journal. A last line that was cut off is left out.
 ///
 /// # Errors
-/// When it is no CSV, or has other columns.
+/// When the bytes are no CSV, or have other columns.
 pub fn from_csv(csv: &[u8]) -> Result<Vec<Row>, csv::Error> {
     let mut reader = csv::Reader::from_reader(csv);
     let headers = reader.headers()?;
@@ -153,7 +154,7 @@ pub fn merged(mut rows: Vec<Row>) -> Vec<Row> {
 }
 
 impl Row {
-    /// What the mark is called that it is of: host and setting.
+    /// The name of the row's mark: host and setting.
     #[must_use]
     pub fn mark(&self) -> String {
         let Self { experiment, mesh, method, strength, bits, closed_loop, .. } = self;

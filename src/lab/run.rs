@@ -15,7 +15,7 @@ use crate::recognition::HostModel;
 
 /// A host file.
 pub struct Subject {
-    /// What rows call it.
+    /// Its name in rows.
     pub name: String,
     /// The file.
     pub bytes: Vec<u8>,
@@ -45,13 +45,13 @@ impl Subject {
         })
     }
 
-    /// Its surface as attacked meshes are measured against; prepared when first asked for, in
-    /// parallel: other workers wait, each in a pool of its own.
+    /// Its surface, prepared for measuring attacked meshes against it. It is prepared at first use,
+    /// in parallel. Other workers wait, each in its own pool.
     pub(super) fn measured(&self) -> Option<&Measured> {
         self.measured.get_or_init(|| measures::measured(&self.surface)).as_ref()
     }
 
-    /// The host as suspects are read against it, likewise.
+    /// The host model, prepared likewise.
     pub(super) fn host_model(&self) -> &HostModel {
         self.host_model.get_or_init(|| HostModel::new(self.asset.mesh().clone()))
     }
@@ -71,14 +71,14 @@ pub struct Plan<'a> {
     /// Families of attacks that are made; empty for all. A result does not depend on what else is
     /// run.
     pub families: &'a [String],
-    /// Rows of earlier runs: what stands there is not made again.
+    /// Rows of earlier runs. Their results are not made again.
     pub known: &'a [Row],
 }
 
-/// Per mark and trial, the attacks that there are rows of.
+/// For each mark and trial, the attacks that have rows.
 type Known<'a> = BTreeMap<(String, usize), BTreeSet<&'a str>>;
 
-/// How far a run is.
+/// Progress of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
     /// Trials done.
@@ -92,23 +92,23 @@ pub struct Progress {
 /// How a run is watched and ended.
 #[derive(Clone, Copy)]
 pub struct Watch<'a> {
-    /// Asked between attacks; `true` ends the run with the trials that are done.
+    /// Called between attacks; `true` ends the run with the trials that are done.
     pub stop: &'a (dyn Fn() -> bool + Sync),
-    /// Told after each trial.
+    /// Called after each trial.
     pub progress: &'a (dyn Fn(Progress) + Sync),
-    /// Given the rows of each trial as soon as it is done, in any order.
+    /// Called with the rows of each trial as soon as it is done, in any order.
     pub kept: &'a (dyn Fn(&[Row]) + Sync),
 }
 
-/// What making a mark costs, in attacks; roughly, for the estimate of the time left.
+/// Rough cost of making a mark, in attacks, for the estimate of the time left.
 const COST_OF_MARK: f64 = 4.0;
 
-/// What measuring the distance of an attacked mesh costs, likewise.
+/// Rough cost of measuring the distance of an attacked mesh, likewise.
 const COST_OF_DAMAGE: f64 = 3.0;
 
 impl Plan<'_> {
-    /// All trials. The first trial of everything comes first, then the second: a run that is ended
-    /// early has some of each.
+    /// All trials. The first trial of each mark comes before any second one, so that a run that is
+    /// ended early has some trials of each.
     #[must_use]
     pub fn all(&self) -> Vec<Trial<'_>> {
         let mut all = Vec::new();
@@ -148,8 +148,8 @@ impl Plan<'_> {
         all
     }
 
-    /// Rows of several runs in the order of [`Plan::all`]; those of other plans stay in theirs, at the
-    /// end. The progress of a run in parts is that of the same run made at once.
+    /// Rows of several runs in the order of [`Plan::all`]. Rows of other plans keep their order, at
+    /// the end. So a run in parts gives the rows in the order of a run at once.
     #[must_use]
     pub fn in_order(&self, mut rows: Vec<Row>) -> Vec<Row> {
         let mut places = BTreeMap::new();
@@ -169,8 +169,8 @@ impl Plan<'_> {
         rows
     }
 
-    /// Makes what is not known and gives the rows of those that were done, in the order of
-    /// [`Plan::all`] whatever the number of threads.
+    /// Runs the trials that are not known, and gives the rows of the trials that were done, in the
+    /// order of [`Plan::all`] whatever the number of threads.
     #[must_use]
     pub fn run(&self, watch: Watch<'_>) -> Vec<Row> {
         let mut known = Known::new();
@@ -208,15 +208,15 @@ impl Plan<'_> {
     }
 }
 
-/// What a trial costs, roughly.
+/// Rough cost of a trial.
 fn cost(trial: &Trial<'_>) -> f64 {
     let vertices = trial.subject.asset.mesh().positions().len();
     let attack = if trial.damage { 1.0 + COST_OF_DAMAGE } else { 1.0 };
     vertices as f64 * (COST_OF_MARK + attack * trial.met().count() as f64)
 }
 
-/// Places of the trials, those together that differ in nothing but their budgets, the largest
-/// first: often its mark is that of the smaller ones too.
+/// Indices of the trials. Trials that differ only in their budgets are grouped, the largest budget
+/// first: often its mark is also that of the smaller budgets.
 fn by_budget(all: &[Trial<'_>]) -> Vec<Vec<usize>> {
     let mut places: BTreeMap<(usize, String), usize> = BTreeMap::new();
     let mut together: Vec<Vec<usize>> = Vec::new();

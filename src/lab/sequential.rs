@@ -15,19 +15,20 @@ pub struct Sequential {
 /// What the outcomes so far say of the share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Decision {
-    /// It is what was wanted.
+    /// It is the requested one.
     Met,
     /// It is less.
     Missed,
-    /// Not yet plain.
+    /// Not yet decided.
     Open,
 }
 
-/// A share of 1 would be missed at the first failure: asked is for this much at most.
+/// Largest share that is tested. A share of 1 would be missed at the first failure.
 const MOST: f64 = 0.99;
 
 impl Sequential {
-    /// Tells shares `tolerance` apart, and errs with at most about the probability `error`.
+    /// A test between shares that differ by `tolerance`, which errs with a probability of at most
+    /// about `error`.
     #[must_use]
     pub fn new(wanted: f64, tolerance: f64, error: f64) -> Self {
         let good = wanted.clamp(0.02, MOST);
@@ -40,14 +41,14 @@ impl Sequential {
         }
     }
 
-    /// One more outcome. A decision that was made stays.
+    /// Adds an outcome. A decision that was made stays.
     pub fn add(&mut self, success: bool) {
         if self.decision() == Decision::Open {
             self.ratio += if success { self.success } else { self.failure };
         }
     }
 
-    /// What is plain by now.
+    /// The decision so far.
     #[must_use]
     pub fn decision(&self) -> Decision {
         if self.ratio >= self.limit {

@@ -1,4 +1,4 @@
-//! Rows taken together over trials.
+//! Rows combined over trials.
 
 use std::collections::BTreeMap;
 
@@ -6,16 +6,16 @@ use serde::Serialize;
 
 use super::row::Row;
 
-/// All trials of one attack on one kind of mark of one mesh. Means are over trials that were made.
+/// All trials of one attack on one kind of mark of one mesh. Means are over trials with a result.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Group {
-    /// What it is for.
+    /// Name of the experiment.
     pub experiment: String,
     /// The host's name.
     pub mesh: String,
-    /// The method asked for.
+    /// The requested method.
     pub method: String,
-    /// The strength asked for.
+    /// The requested strength.
     pub strength: f64,
     /// Bits of the mark.
     pub bits: usize,
@@ -31,7 +31,7 @@ pub struct Group {
     pub amount: Option<f64>,
     /// Trials with a result.
     pub trials: usize,
-    /// Trials without: the mark was refused, or nothing was left.
+    /// Trials without a result: the mark was refused, or nothing was left.
     pub failed: usize,
     /// Why the first of these failed.
     pub error: Option<String>,
@@ -43,7 +43,7 @@ pub struct Group {
     pub bit_error_rate: f64,
     /// Mean decimal logarithm of the blind bound.
     pub log10_bound: f64,
-    /// The worst of it.
+    /// The worst decimal logarithm of the blind bound.
     pub log10_bound_worst: f64,
     /// Share of trials whose blind bound is below the threshold.
     pub matches: f64,
@@ -51,7 +51,7 @@ pub struct Group {
     pub log10_bound_in_place: f64,
     /// Share of trials that match blind or in the host's frame, two hypotheses counted.
     pub matches_in_place: f64,
-    /// Mean decimal logarithm of the bound of the relief; none where no mark has one.
+    /// Mean decimal logarithm of the bound of the relief; `None` if no mark has one.
     pub log10_bound_relief: Option<f64>,
     /// Share of trials that match blind, in the host's frame or by the relief, three hypotheses counted.
     pub matches_with_host: f64,
@@ -61,15 +61,15 @@ pub struct Group {
     pub diagonal: f64,
     /// Mean strength used.
     pub strength_used: f64,
-    /// Trials whose positions another method chose than was asked for.
+    /// Trials whose positions were chosen by another method than the requested one.
     pub fell_back: usize,
     /// Mean MRMS of the mark, a share of the diagonal.
     pub mark_mrms: f64,
-    /// Standard deviation of that over trials.
+    /// Standard deviation of that MRMS over trials.
     pub mark_mrms_deviation: f64,
     /// Mean Hausdorff distance of the mark.
     pub mark_hausdorff: f64,
-    /// Mean turn of normals by the mark, in degrees.
+    /// Mean angle by which the mark turned normals, in degrees.
     pub mark_normal_deviation: f64,
     /// Mean share of triangles that the mark flipped.
     pub mark_flipped: f64,
@@ -115,11 +115,11 @@ fn group(rows: &[&Row], threshold: f64) -> Option<Group> {
         Some((row.bits_wrong? as f64 + 0.5 * row.bits_erased? as f64) / row.bits as f64)
     };
     let below = |bound: Option<f64>, threshold: f64| bound.is_some_and(|bound| bound < threshold);
-    // Blind and in place: each bound is multiplied by two.
+    // Two readings, blind and in the host's frame: each bound is multiplied by two.
     let stricter = threshold - std::f64::consts::LOG10_2;
     let strictest = threshold - 3.0_f64.log10();
     let bounds = |row: &Row| [row.log10_bound, row.log10_bound_in_place, row.log10_bound_relief];
-    // A relief that is nowhere near says nothing: a bound of 1.
+    // A surface that is nowhere near the host gives no evidence: a bound of 1.
     let has_relief = made.iter().any(|row| row.log10_bound_relief.is_some());
     Some(Group {
         experiment: first.experiment.clone(),

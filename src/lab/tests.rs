@@ -40,7 +40,7 @@ fn experiment(methods: &[Method], attacks: &[Attack]) -> Experiment {
     }
 }
 
-/// Everything, from the beginning.
+/// A plan of all families, without known rows.
 fn plan_of<'a>(
     subjects: &'a [Subject],
     experiments: &'a [Experiment],
@@ -65,16 +65,16 @@ fn each_trial_is_kept_as_soon_as_it_is_done() {
         0 => kept(rows),
         _ => Journal::new(&mut *later.lock().unwrap(), true).add(rows).unwrap(),
     };
-    // On one thread, since this test tells the first by counting.
+    // On one thread, since this test identifies the first trial by counting.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let watch = Watch { stop: &|| false, progress: &|_| {}, kept: &keep };
     let rows = pool.install(|| plan.run(watch));
     let mut bytes = file.into_inner().unwrap();
     assert!(from_csv(&bytes).unwrap() == rows);
-    // Killed while it wrote: what is whole is read.
+    // A run that was killed while it wrote: complete lines are read.
     bytes.truncate(bytes.len() - 7);
     assert!(from_csv(&bytes).unwrap() == rows[..rows.len() - 1]);
-    // A file that somebody ended without a line feed loses nothing; another table is no run.
+    // A file that somebody ended without a line feed loses nothing. Another table is refused.
     let whole = to_csv(&rows).unwrap();
     assert!(from_csv(&whole[..whole.len() - 1]).unwrap() == rows);
     assert!(from_csv(b"name,price\n").is_err() && from_csv(b"name,price\nx,1\n").is_err());
@@ -115,13 +115,13 @@ fn a_run_in_parts_gives_the_rows_of_the_whole() {
     let midpoint = rows_of(&Plan { families: &["midpoint".to_owned()], ..whole });
     let expected: Vec<&Row> = rows.iter().filter(|row| row.family == "midpoint").collect();
     assert!(expected.len() == 4 && midpoint.iter().eq(expected.iter().copied()));
-    // What an earlier run left, read back, is not made again; what it left out is.
+    // Rows of an earlier run, read back, are not made again. Missing rows are made.
     let half = from_csv(&to_csv(&rows[..=rows.len() / 2]).unwrap()).unwrap();
     assert!(half == rows[..half.len()]);
     let rest = rows_of(&Plan { known: &half, ..whole });
     assert!(merged([half.as_slice(), &rest].concat()) == rows);
     assert_eq!(half.len() + rest.len(), rows.len());
-    // In whatever order they were kept.
+    // The order in which they were kept does not matter.
     let mut shuffled = half.clone();
     shuffled.reverse();
     let all = whole.in_order(merged([shuffled.as_slice(), &rest].concat()));
@@ -129,7 +129,7 @@ fn a_run_in_parts_gives_the_rows_of_the_whole() {
     let stranger = Row { mesh: "another".into(), ..rows[0].clone() };
     let with_it = whole.in_order([std::slice::from_ref(&stranger), &shuffled].concat());
     assert!(with_it[..half.len()] == half && with_it[half.len()] == stranger);
-    // Nor is an attack on a mark of which others are missing.
+    // Of a mark with some rows, only the missing ones are made.
     let without: Vec<Row> = rows.iter().filter(|row| row.family != "midpoint").cloned().collect();
     assert!(rows_of(&Plan { known: &without, ..whole }) == midpoint);
 }
@@ -142,14 +142,14 @@ fn rows_that_cannot_be_of_a_run_are_refused() {
     let rows = rows_of(&plan);
     let check = |rows: &[Row], plan: Plan<'_>| Plan { known: rows, ..plan }.check_known();
     assert_eq!(check(&rows, plan), Ok(()));
-    // Rows of versions that had no such columns.
+    // Rows of versions without the columns for seed and place.
     let csv = String::from_utf8(to_csv(&rows).unwrap()).unwrap();
     let older =
         csv.replacen(",seed,place,", ",", 1).replace(",0,7,0,", ",0,").replace(",0,7,1,", ",0,");
     let older = from_csv(older.as_bytes()).unwrap();
     assert!(older.len() == 2 && older.iter().all(|row| (row.seed, row.place) == (None, None)));
     assert_eq!(check(&older, Plan { seed: 8, ..plan }), Ok(()));
-    // Older ones, gone on with: the later rows tell.
+    // Older rows continued by newer ones: the newer ones decide.
     let gone_on_with = [older.as_slice(), &rows].concat();
     let other_mesh = [subject(Sample::Blob, 4000), subject(Sample::Knot, 3000)];
     let turned = [subject(Sample::Knot, 3000), subject(Sample::Blob, 3000)];
@@ -174,7 +174,7 @@ fn rows_that_cannot_be_of_a_run_are_refused() {
         let error = check(rows, plan).unwrap_err().to_string();
         assert!(error.contains(said), "{error}");
     }
-    // Of hosts that are none of the files.
+    // Rows of hosts that are not among the files.
     assert_eq!(check(&rows, Plan { subjects: &elsewhere, ..plan }), Ok(()));
 }
 
@@ -237,7 +237,7 @@ fn a_budget_is_kept() {
     assert!(rows[0].strength_used.unwrap() < rows[0].strength);
 }
 
-/// A mark that stays within a smaller budget as it is is not made again for that.
+/// A mark that also stays within a smaller budget is not made again for it.
 #[test]
 fn budgets_share_the_marks_that_they_can() {
     let subjects = [subject(Sample::Blob, 5000)];
@@ -251,7 +251,7 @@ fn budgets_share_the_marks_that_they_can() {
     let free = [Experiment { name: "free", ..base.clone() }];
     let mrms = rows_of(&plan(&free)).into_iter().filter(|r| r.method == "cho-mean");
     let least = mrms.filter_map(|row| row.mark_mrms).fold(f64::INFINITY, f64::min);
-    // Only the first binds, and only the marks of Cho.
+    // Only the first budget limits marks, and only those of Cho.
     let all = [with("tight", 0.7 * least), with("loose", 3.0 * least), with("looser", 4.0 * least)];
     let mut alone: Vec<Row> =
         all.iter().flat_map(|e| rows_of(&plan(std::slice::from_ref(e)))).collect();
@@ -314,7 +314,8 @@ fn the_report_stands_alone_and_shows_each_mesh() {
     assert!(report.markdown().contains("| blob | qsp-mean |"));
 }
 
-/// The blind reader finds nothing in a new tessellation; the relief does, and the report shows both.
+/// The blind reader finds nothing in a new tessellation. The relief does, and the report shows
+/// both.
 #[test]
 fn a_relief_is_read_against_the_host_beside_the_blind_reader() {
     let subjects = [subject(Sample::Blob, 6000)];

@@ -19,30 +19,30 @@ use crate::recognition::{SuspectModel, relief_of};
 use crate::registration::{Budget, Within};
 use crate::watermark::{Codeword, EmbedParams, Frame, MarkKey, Message, WatermarkError};
 
-/// What is tried.
+/// The parameters of a trial.
 #[derive(Clone, Copy)]
 pub struct Trial<'a> {
     /// The experiment's name.
     pub experiment: &'static str,
     /// The host.
     pub subject: &'a Subject,
-    /// Which of the subjects it is.
+    /// Index of the subject.
     pub number: usize,
     /// How it is marked.
     pub setting: Setting,
-    /// What it meets.
+    /// The attacks on the mark.
     pub attacks: &'a [Attack],
-    /// Of these, only attacks of these families; empty for all. The others keep their places, on
-    /// which seeds depend.
+    /// Families of the attacks that are made; empty for all. Seeds depend on the positions in
+    /// `attacks`, which the other attacks keep.
     pub families: &'a [String],
-    /// Attacks that there are rows of already, by what rows call them.
+    /// Attacks that have rows already, by their names in rows.
     pub known: Option<&'a BTreeSet<&'a str>>,
     /// Number of this trial.
     pub trial: usize,
     /// Seed of the whole run.
     pub seed: u64,
-    /// Whether the distance of the attacked meshes from the host is measured: it takes long and
-    /// hardly differs between marks.
+    /// Whether the distance of the attacked meshes from the host is measured. Measuring takes long,
+    /// and the distance hardly differs between marks.
     pub damage: bool,
 }
 
@@ -50,9 +50,9 @@ pub struct Trial<'a> {
 pub struct MarkedMesh {
     /// As read from the marked file.
     pub mesh: Mesh,
-    /// What a detector looks for.
+    /// The codeword that a detector scores.
     pub codeword: Codeword,
-    /// What its relief is drawn from.
+    /// The key that its relief is drawn from.
     pub key: MarkKey,
     /// The host's frame.
     pub frame: Frame,
@@ -61,7 +61,7 @@ pub struct MarkedMesh {
 }
 
 impl Trial<'_> {
-    /// Marks, attacks, reads. One row per attack; `None` when `stop` answers `true` before the end.
+    /// Marks, attacks, reads. One row per attack; `None` if `stop` returns `true` before the end.
     pub fn run(&self, stop: &(dyn Fn() -> bool + Sync)) -> Option<Vec<Row>> {
         let marked = self.mark(stop);
         if stop() {
@@ -70,7 +70,7 @@ impl Trial<'_> {
         let marked = match marked {
             Ok(marked) => marked,
             Err(error) => {
-                // The mark was refused, whatever the attack.
+                // A refused mark gives the same error for every attack.
                 let refused = |attack| Row { error: Some(error.to_string()), ..self.blank(attack) };
                 return Some(self.met().map(|(_, attack)| refused(attack)).collect());
             }
@@ -88,7 +88,7 @@ impl Trial<'_> {
         Some(rows)
     }
 
-    /// The attacks that are made, with their places in the list.
+    /// The attacks that are made, with their positions in the list.
     pub fn met(&self) -> impl Iterator<Item = (u64, Attack)> + '_ {
         let wanted = |attack: &Attack| {
             let asked = || self.families.iter().any(|f| f == attack.family());
@@ -101,17 +101,17 @@ impl Trial<'_> {
             .filter(move |(_, a)| wanted(a))
     }
 
-    /// What trials that meet the same attacks share when they differ in nothing but their budgets;
-    /// `None` without one.
+    /// A text that trials share if they have the same attacks and differ only in their budgets;
+    /// `None` without a budget.
     pub(super) fn but_for_budget(&self) -> Option<String> {
         self.setting.budget?;
         let setting = Setting { budget: None, ..self.setting };
         Some(format!("{} {setting:?} {:?}", self.number, self.attacks))
     }
 
-    /// The rows of this trial, if it makes the same mark as one with a larger budget did, whose rows
-    /// are given: the search for the strongest mark begins at the setting's strength, which is also
-    /// the most allowed, and ends there when that stays within the budget.
+    /// The rows of this trial, if it makes the same mark as the trial with a larger budget whose
+    /// rows are given. The search for the strongest mark begins at the setting's strength, which is
+    /// also the largest allowed. It ends there if that mark stays within the budget.
     pub(super) fn of_larger_budget(&self, rows: &[Row]) -> Option<Vec<Row>> {
         let budget = self.setting.budget?;
         let strongest = |row: &Row| {
@@ -125,7 +125,8 @@ impl Trial<'_> {
         same.then(|| rows.iter().map(own).collect())
     }
 
-    /// Key and message depend on seed, host and trial alone: settings are compared on equal terms.
+    /// Key and message depend on seed, host and trial alone, so that settings are compared on equal
+    /// terms.
     fn key_and_message(&self) -> Result<(MarkKey, Message), WatermarkError> {
         let mut random = self.random(0);
         let key = MarkKey::from_bytes(random.bytes());
@@ -178,11 +179,11 @@ impl Trial<'_> {
         })
     }
 
-    /// What an attack, which stands at `place` in the list, leaves of a marked mesh: of the target,
-    /// which is that mesh.
+    /// Applies an attack to a marked mesh, which is the target. `place` is the attack's position in
+    /// the list.
     ///
     /// # Errors
-    /// A text, when nothing is left.
+    /// A text, when the attack gives no mesh.
     pub fn attack(
         &self,
         report: &MarkReport,
@@ -219,7 +220,8 @@ impl Trial<'_> {
         Row { log10_bound_relief: self.relief_of(marked, &attacked), ..row }
     }
 
-    /// What the relief says of an attacked mesh, read against the host as a verification reads it.
+    /// The bound of the relief of an attacked mesh, read against the host as a verification reads
+    /// it.
     fn relief_of(&self, marked: &MarkedMesh, attacked: &Mesh) -> Option<f64> {
         let amplitude = marked.report.amplitude?;
         let surface = Surface::new(attacked);
@@ -231,7 +233,8 @@ impl Trial<'_> {
         found.map(|found| found.log10_fp)
     }
 
-    /// How visible the mark is; of the first trial, since it takes long and hardly differs.
+    /// How visible the mark is. It is measured in the first trial only, since it takes long and
+    /// hardly differs.
     fn perceived(&self, mesh: &Mesh) -> Option<f64> {
         let measured = (self.trial == 0).then(|| msdm2(&self.subject.surface, &Surface::new(mesh)));
         measured.flatten()

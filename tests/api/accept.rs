@@ -1,4 +1,4 @@
-//! What the caller takes as the answer to an embedding.
+//! What the caller accepts as the answer to an embedding.
 
 use reqwest::Response;
 
@@ -38,7 +38,7 @@ async fn what_nobody_takes_is_refused_before_the_work() {
         let refused = problem(mark(&server, obj(), accept, "").await, 406, "not_acceptable").await;
         assert!(refused["detail"].as_str().unwrap().contains("application/json"), "{refused}");
     }
-    // What the upload is decides, and a problem is answered whatever is accepted.
+    // The format of the upload decides. A problem is answered whatever is accepted.
     for (file, accept) in [(obj(), "model/gltf-binary"), (glb(), "model/obj, text/html")] {
         problem(mark(&server, file, accept, "").await, 406, "not_acceptable").await;
     }

@@ -16,7 +16,7 @@ async fn each_is_refused_without_a_trace_or_marked_whole() {
     assert!(!paths.is_empty());
     let server = Server::start().await;
     let mut marked = 0;
-    // Files of one geometry share their host.
+    // Files of one geometry share one host.
     let mut hosts = HashSet::new();
     for path in &paths {
         let url = server.url("/v1/watermarks?owner_id=acme");

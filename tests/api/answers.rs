@@ -1,4 +1,4 @@
-//! What every answer has: request ids, problem bodies; and the pages for operators.
+//! Parts of every answer, request ids and problem bodies, and the pages for operators.
 
 use crate::server::{Server, obj, problem};
 

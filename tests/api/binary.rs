@@ -1,4 +1,4 @@
-//! The program itself: started as a user starts it, stopped as an operator stops it.
+//! The program itself, started as by a user and stopped as by an operator.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -59,7 +59,7 @@ fn serves_reports_and_goes_down_in_order() {
     assert_eq!(verify.status.code(), Some(1), "{}", String::from_utf8_lossy(&verify.stderr));
     let verdict: serde_json::Value = serde_json::from_slice(&verify.stdout).unwrap();
     assert_eq!(verdict["verdict"], "no_match");
-    // A second one on the same directory is refused.
+    // A second service on the same directory is refused.
     let second =
         program().args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(&data).output().unwrap();
     assert_eq!(second.status.code(), Some(2));

@@ -1,4 +1,4 @@
-//! When the machine fails midway: whole records or nothing.
+//! The machine fails midway: whole records or none.
 
 use sqlx::Connection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};

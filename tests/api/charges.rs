@@ -1,5 +1,5 @@
-//! What a bound is charged for beside the hypotheses of its verification: marks that were refused or
-//! revoked before, and questions that were asked before.
+//! What a bound is charged for besides the hypotheses of its verification: marks that were refused
+//! or revoked before, and earlier questions.
 
 use std::collections::BTreeSet;
 
@@ -55,7 +55,8 @@ async fn each_question_about_a_record_is_counted_and_charged() {
         let again = server.verify(form(question)).await;
         assert_eq!(best(&again)["evidence"]["questions"], question);
     }
-    // Another's file is a question about it where it is named, and only there.
+    // The file of another owner is a question about the mark if the request names the mark, else
+    // not.
     let verdict = server.verify(file_form(obj())).await;
     assert_eq!((&verdict["verdict"], &verdict["questions"]), (&"no_match".into(), &0.into()));
     let verdict = server.verify(file_form(obj()).text("watermark_id", id.clone())).await;
@@ -105,7 +106,7 @@ async fn a_directory_that_is_only_read_charges_the_next_question_and_counts_none
 #[tokio::test(flavor = "multi_thread")]
 async fn marks_that_were_refused_are_charged_to_the_next_of_their_host_and_owner() {
     let server = Server::start().await;
-    // The blind layer alone: a relief may be as slight as one likes.
+    // The blind layer alone, since a relief can be arbitrarily weak.
     let refused = || {
         let form = file_form(obj()).text("owner_id", "acme").text("layers", "blind");
         form.text("max_distortion", "0.000001")
@@ -121,7 +122,7 @@ async fn marks_that_were_refused_are_charged_to_the_next_of_their_host_and_owner
     };
     let (_, other) = mark("other", "k").await;
     let (id, file) = mark("acme", "k").await;
-    // A retry is answered with the same record and is no other try.
+    // A retry is answered with the same record and is not another try.
     assert_eq!(mark("acme", "k").await.0, id);
     let (_, next) = mark("acme", "l").await;
     // Each salt and strength that was refused is a try.
@@ -146,7 +147,7 @@ async fn who_registers_many_and_revokes_most_gains_nothing() {
         let verdict = server.verify(file_form(&file).text(name, value.to_owned())).await;
         best(&verdict)["evidence"]["siblings"].as_u64().unwrap()
     };
-    // By its id it is one of four; by its owner all four are hypotheses anyhow.
+    // Asked by its id, it is one of four. Asked by its owner, all four are hypotheses anyway.
     assert_eq!(ask("watermark_id", &id).await, 4);
     assert_eq!(ask("owner_id", "acme").await, 1);
     for (revoked, (id, _)) in (1..).zip(&marks) {

@@ -1,4 +1,4 @@
-//! Connections that do nothing, or too little: they cost others nothing, and end.
+//! Connections that do nothing, or too little, do not affect others and are ended.
 
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use tokio::net::TcpStream;
 use crate::process::Process;
 use crate::server::Server;
 
-/// Far longer than anything here takes on the slowest machine.
+/// Far longer than anything here takes, even on the slowest machine.
 const LIVENESS: Duration = Duration::from_mins(1);
 
 /// Sends a request and reads the first bytes of what comes back.
@@ -33,7 +33,7 @@ async fn kept_alive(address: &str) -> TcpStream {
     stream
 }
 
-/// Reads to the end, which comes by closing or by a reset; how many bytes.
+/// Reads to the end of the connection, by closing or by a reset. Returns the number of bytes.
 async fn read_to_the_end(stream: &mut TcpStream) -> usize {
     let mut bytes = 0;
     let mut part = vec![0; 1 << 16];
@@ -77,7 +77,7 @@ async fn a_thousand_idle_connections_do_not_slow_the_others() {
     let alone = median_latency(&process.address).await;
     let mut idle = Vec::new();
     for number in 0..1000 {
-        // Some have said nothing, some half a header, some are kept alive.
+        // Some have sent nothing, some half a header, and some are kept alive.
         let mut stream = TcpStream::connect(&process.address).await.expect("ulimit -n of 1100");
         match number % 3 {
             0 => {}
@@ -88,7 +88,7 @@ async fn a_thousand_idle_connections_do_not_slow_the_others() {
     }
     let beside = median_latency(&process.address).await;
     println!("median of /livez alone {alone:?}, beside {} idle connections {beside:?}", idle.len());
-    // Fast, or not much slower than alone on a machine that is slow for other reasons.
+    // Fast, or on a machine that is slow for other reasons, not much slower than alone.
     assert!(beside < Duration::from_millis(50) || beside < 10 * alone, "{alone:?} {beside:?}");
 }
 
@@ -112,11 +112,11 @@ async fn a_full_service_answers_probes_and_closes_what_is_too_much() {
     for word in ["too_many_connections", "retry-after: 5", "connection: close"] {
         assert!(answer.contains(word), "{answer}");
     }
-    // Those that were there are served as ever.
+    // Earlier connections are served as before.
     let answer = ask(&mut held[0], &get("/v1/watermarks")).await;
     assert!(answer.starts_with("HTTP/1.1 200 "), "{answer}");
-    // More than are spared are closed at once, long before any time limit; who is spared and
-    // says nothing is ended soon after.
+    // Connections beyond the reserve are closed at once, long before any time limit. A connection
+    // within the reserve that sends nothing is ended soon after.
     let mut crowd = Vec::new();
     for _ in 0..80 {
         crowd.push(TcpStream::connect(&address).await.unwrap());
@@ -153,7 +153,7 @@ async fn what_stands_still_or_dribbles_is_ended() {
     assert_eq!(read_to_the_end(&mut silent).await, 0);
     let mut idle = kept_alive(&address).await;
     assert_eq!(read_to_the_end(&mut idle).await, 0);
-    // A byte now and then does not keep a header going.
+    // An occasional byte does not keep a header alive.
     let (mut reader, mut writer) = TcpStream::connect(&address).await.unwrap().into_split();
     let dribbling = tokio::spawn(async move {
         let header = "GET /livez HTTP/1.1\r\n".bytes().chain("a: b\r\n".bytes().cycle());
@@ -174,7 +174,7 @@ async fn what_stands_still_or_dribbles_is_ended() {
 #[tokio::test(flavor = "multi_thread")]
 async fn an_answer_that_nobody_reads_is_ended() {
     let server = Server::with(Settings { idle_timeout: Some(1), ..Settings::default() }).await;
-    // More than the system's buffers take on both sides.
+    // More than the system's buffers hold on both sides.
     let (id, file) = server.mark(&to_obj(&Sample::Blob.mesh(120_000).unwrap()), "acme").await;
     let path = format!("/v1/watermarks/{id}/file");
     let socket = tokio::net::TcpSocket::new_v4().unwrap();
@@ -185,7 +185,7 @@ async fn an_answer_that_nobody_reads_is_ended() {
     tokio::time::sleep(Duration::from_secs(4)).await;
     let read = read_to_the_end(&mut stream).await;
     assert!(read < file.len(), "{read} of {}", file.len());
-    // Slowly, but steadily, it can be read.
+    // A slow but steady reader gets it.
     let mut stream = TcpStream::connect(server.address).await.unwrap();
     let mut bytes = ask(&mut stream, &get(&path)).await.len();
     let mut part = vec![0; file.len() / 20];
@@ -218,7 +218,7 @@ async fn idle_connections_do_not_hold_the_shutdown() {
     let server = Server::start().await;
     let address = server.address.to_string();
     let mut idle = vec![TcpStream::connect(&address).await.unwrap(), kept_alive(&address).await];
-    // The grace is 30 s.
+    // The grace period is 30 s.
     let restarted = tokio::time::timeout(Duration::from_secs(20), server.restart()).await;
     assert!(restarted.is_ok(), "it waits for connections that ask for nothing");
     for stream in &mut idle {

@@ -1,4 +1,4 @@
-//! Marked files, fetched: whole, in part, under conditions, slowly, and when the store is damaged.
+//! Downloads of marked files: whole, in part, under conditions, slowly, and from a damaged store.
 
 use std::time::Duration;
 
@@ -38,7 +38,7 @@ async fn every_range_equals_the_slice() {
     assert_eq!(header(&whole, "content-length"), file.len().to_string());
     assert!(whole.bytes().await.unwrap() == file);
     let length = file.len();
-    // More than one frame, so that ranges cross the seams.
+    // More than one frame, so that ranges cross the boundaries of frames.
     assert!(length > 2 * (256 << 10), "{length}");
     let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(60));
     let near = |seam: usize| (0..8_usize).prop_map(move |n| seam.saturating_sub(4) + n);
@@ -123,7 +123,7 @@ async fn conditions_and_heads() {
     // An outdated range that cannot be satisfied is not an error either.
     let headers = [("range", "bytes=999999999-"), ("if-range", "\"x\"")];
     assert_eq!(fetch(&server, Method::GET, &path, &headers).await.status(), 200);
-    // Conditions do not hide that there is nothing.
+    // A condition does not hide that there is no such file.
     let unknown = "/v1/watermarks/0198f000-0000-7000-8000-000000000000/file";
     let unknown = fetch(&server, Method::GET, unknown, &[("if-none-match", "*")]).await;
     problem(unknown, 404, "unknown_watermark").await;
@@ -156,14 +156,14 @@ async fn a_lost_or_damaged_file_is_an_error_and_never_a_shorter_file() {
         ("empty", Vec::new()),
         ("another one", other),
         ("a changed header", at(60)),
-        // Behind 56 bytes, 8 of checksum and 12 for each of a few frames.
+        // After 56 bytes, 8 of checksum and 12 for each of a few frames.
         ("a changed first frame", at(400)),
     ] {
         std::fs::write(&stored, bytes).unwrap();
         let body = problem(server.get(&path).await, 500, "file_lost").await;
         assert!(body["detail"].as_str().unwrap().contains(&id), "{what}: {body}");
     }
-    // Damage further in: the connection breaks.
+    // With damage further in, the connection breaks.
     std::fs::write(&stored, at(whole.len() - 10)).unwrap();
     let begun = server.get(&path).await;
     assert_eq!(begun.status(), 200);
@@ -174,7 +174,7 @@ async fn a_lost_or_damaged_file_is_an_error_and_never_a_shorter_file() {
             assert_eq!(fetch(&server, method.clone(), &path, headers).await.status(), 500);
         }
     }
-    // A retry with the host makes it again, and it is kept again.
+    // A retry with the host makes the file again, and it is stored again.
     let (again, bytes) = marked(post().await.unwrap()).await;
     assert!(again == id && bytes == file);
     assert!(server.get(&path).await.bytes().await.unwrap() == file);
@@ -192,7 +192,7 @@ async fn slow_readers_do_not_hold_the_file_in_memory() {
     let post = client.post(process.url("/v1/watermarks")).multipart(form);
     let (id, file) = marked(post.send().await.unwrap()).await;
     drop(process);
-    // Anew, so that what marking needed is not there to be used again.
+    // A new process, so that memory that marking needed cannot be used again.
     let process = Process::start(directory.path(), &[]);
     let path = format!("/v1/watermarks/{id}/file");
     assert_eq!(client.get(process.url("/livez")).send().await.unwrap().status(), 200);
@@ -218,11 +218,12 @@ async fn slow_readers_do_not_hold_the_file_in_memory() {
         "{READERS} readers of {length} bytes: {grown} bytes more, {:.2} times the file",
         grown as f64 / length as f64
     );
-    // Whole files would be thirty times; two frames and buffers for each reader are not twice.
+    // Whole files would take thirty times the size; two frames and buffers per reader take less
+    // than twice.
     let allowed = READERS as u64 * (1 << 20);
     assert!(allowed < READERS as u64 * length / 5, "the file is too small to tell");
     assert!(grown < allowed, "{grown} bytes");
-    // A reader that goes on gets all of it.
+    // A reader that continues gets all of it.
     let mut rest = vec![0; 0];
     let mut reader = readers.pop().unwrap();
     while !rest.ends_with(&file[file.len() - 100..]) {

@@ -1,5 +1,4 @@
-//! Several marks: on one file, on copies of one file, and what a request wants done about marks
-//! that are already there.
+//! Several marks on one file, on copies of one file, and how a request treats existing marks.
 
 use glam::DVec3;
 use quadmark::formats::{Asset, Limits};
@@ -69,7 +68,7 @@ async fn a_marked_host_is_refused_told_of_or_marked_without_a_word() {
         assert_eq!(found[0]["owner_id"], "acme");
         assert!(found[0]["log10_fp"].as_f64().unwrap() < -9.0, "{record}");
     }
-    // A host without a mark is marked whatever is asked, and the record says that it had none.
+    // A host without a mark is marked whatever is requested, and the record says that it had none.
     for what in ["reject", "warn", "allow"] {
         let response = mark_with(&server, obj(), &[owner("acme"), on_existing(what)]).await;
         assert_eq!(told(&response), None);
@@ -135,7 +134,7 @@ async fn of_two_marks_one_over_the_other_both_are_found() {
         let found = matches(&verdict);
         assert_eq!(found.len(), 2, "{sample}: {verdict}");
         assert!(found.contains(&first.as_str()) && found.contains(&second.as_str()), "{verdict}");
-        // The older one is read itself, or known by the newer one's record.
+        // The older mark is read itself, or named by the newer one's record.
         for found in verdict["matches"].as_array().unwrap() {
             let under = &found["overmarked_by"];
             assert!(under.is_null() || (*under == *second && found["watermark_id"] == *first));
@@ -168,7 +167,7 @@ async fn each_recipient_is_named_by_its_copy() {
     }
 }
 
-/// Each vertex in the middle of where the files have it.
+/// The mean of the files, vertex by vertex.
 fn mean(files: &[&[u8]]) -> Vec<u8> {
     let read = |file: &&[u8]| Asset::read(file, &Limits::default()).unwrap().into_mesh();
     let copies: Vec<Mesh> = files.iter().map(read).collect();
@@ -202,7 +201,7 @@ async fn recipients_who_average_their_copies_are_all_named_and_nobody_else() {
             named.sort_unstable();
             meant.sort_unstable();
             assert_eq!(named, meant, "{sample}: {verdict}");
-            // One of them alone, when the request asks about nobody else.
+            // Only one of them, when the request asks about nobody else.
             let form = file_form(&mean(&files)).text("watermark_id", meant[0].to_owned());
             assert_eq!(matches(&server.verify(form).await), [meant[0]], "{sample}");
         }

@@ -37,7 +37,7 @@ async fn another_request_under_the_same_key_conflicts() {
     ] {
         problem(send(&server, "k", other).await, 409, "idempotency_conflict").await;
     }
-    // Keys belong to their owners.
+    // The same key of another owner is another key.
     marked(send(&server, "k", file_form(obj()).text("owner_id", "other")).await).await;
     problem(send(&server, "a b", form()).await, 400, "invalid_parameter").await;
     problem(send(&server, &"k".repeat(256), form()).await, 400, "invalid_parameter").await;

@@ -1,5 +1,5 @@
-//! The service as its users see it: a server on a port of its own, a data directory of its own,
-//! HTTP from outside.
+//! The service as its users see it: each test has a server on its own port with its own data
+//! directory, and sends HTTP from outside.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

@@ -1,4 +1,4 @@
-//! Mark, verify, and everything between.
+//! Marking and verifying.
 
 use serde_json::Value;
 
@@ -43,11 +43,11 @@ async fn hosts_and_strangers_do_not_match() {
     let (_, other_file) = server.mark(other_obj(), "other").await;
     let host = server.verify(file_form(obj())).await;
     assert_eq!(host["verdict"], "no_match", "{host}");
-    // Another owner's file, and only the marks of "acme" asked about.
+    // Another owner's file, asked only about the marks of "acme".
     let form = file_form(&other_file).text("owner_id", "acme");
     let verdict = server.verify(form).await;
     assert_eq!(verdict["verdict"], "no_match", "{verdict}");
-    // Named: the blind frame says enough, so the host's own is not tried.
+    // With the record named, the blind frame is sufficient, so the host's frame is not tried.
     let named = server.verify(file_form(&file).text("watermark_id", id.clone())).await;
     assert_match(&named, &id);
     assert_eq!(named["hypotheses"], 1);
@@ -96,7 +96,7 @@ fn stages(verdict: &Value) -> Vec<&str> {
     tried.iter().map(|stage| stage["stage"].as_str().unwrap()).collect()
 }
 
-/// The file with a triangle far off, which takes the blind frame away.
+/// The file with a far triangle, which makes the blind frame useless.
 fn with_a_stray(file: &[u8]) -> Vec<u8> {
     [file, b"\nv 90 90 90\nv 90.001 90 90\nv 90 90.001 90\nf -1 -2 -3\n"].concat()
 }

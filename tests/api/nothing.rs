@@ -1,5 +1,5 @@
-//! Verifications that ask about marks that nobody can search for: refused with the reason, never
-//! answered with `no_match`, never stored.
+//! Verifications that ask about marks that cannot be searched for. They are refused with the
+//! reason, never answered with `no_match`, never stored.
 
 use crate::binary::program;
 use crate::server::{Server, file_form, obj, other_obj, problem};
@@ -47,7 +47,7 @@ async fn filters_that_select_nothing_are_refused_with_the_reason() {
     assert_eq!(stored_verdicts(&server).await, 0);
     assert_eq!(server.get_json("/v1/watermarks").await, records);
     assert_eq!(server.service.blob_count().await.unwrap(), blobs);
-    // What can be searched for is.
+    // Marks that can be searched for are.
     for fields in [vec![("owner_id", "acme")], vec![("watermark_id", id.as_str())], vec![]] {
         let form = fields.into_iter().fold(file_form(&file), |form, (name, value)| {
             form.text(name.to_owned(), value.to_owned())
@@ -73,8 +73,8 @@ async fn filters_that_select_nothing_are_refused_with_the_reason() {
     assert_eq!(verify(&["--owner-id", "acme"]).status.code(), Some(0));
 }
 
-/// That no registered mark is in the file is the true answer where none is registered: who asks
-/// before every upload asks before the first, too. The hypotheses say that nothing was compared.
+/// With an empty registry, `no_match` is the true answer. A client that asks before every upload
+/// also asks before the first. The zero hypotheses say that nothing was compared.
 #[tokio::test(flavor = "multi_thread")]
 async fn an_empty_registry_answers_no_match() {
     let server = Server::start().await;

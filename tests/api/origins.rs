@@ -1,4 +1,4 @@
-//! Pages from elsewhere cannot drive the service through its user's browser.
+//! Pages of other sites cannot use the service through its user's browser.
 
 use quadmark::config::Settings;
 use reqwest::Method;
@@ -47,7 +47,7 @@ async fn other_sites_read_nothing_and_change_nothing() {
             problem(send(&server, method, path, headers).await, 403, "cross_origin").await;
         }
     }
-    // A page whose name was made to lead here is of the same origin for its browser.
+    // A page whose name was rebound to this address has the same origin for its browser.
     let rebound = [
         ("host", "evil.test:8080"),
         ("origin", "http://evil.test:8080"),
@@ -58,7 +58,7 @@ async fn other_sites_read_nothing_and_change_nothing() {
         assert!(refused.await["detail"].as_str().unwrap().contains("--allowed-hosts"));
     }
     server.assert_empty("requests of other sites").await;
-    // Probes come by any address.
+    // Probes are answered under any address.
     for path in ["/livez", "/readyz"] {
         assert_eq!(send(&server, Method::GET, path, &rebound).await.status(), 200);
     }
@@ -94,7 +94,7 @@ async fn names_of_the_settings_are_known() {
         ("sec-fetch-site", "same-origin"),
     ];
     assert_eq!(send(&server, Method::POST, "/v1/verifications", &page).await.status(), 200);
-    // A proxy that asks by address.
+    // A proxy that uses the address.
     assert_eq!(send(&server, Method::POST, "/v1/verifications", &page[1..]).await.status(), 200);
     let other = [("host", "other.test")];
     problem(send(&server, Method::GET, "/docs", &other).await, 421, "host_not_allowed").await;

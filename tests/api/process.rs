@@ -1,4 +1,4 @@
-//! The program as a process of its own, for what is measured from outside.
+//! The program as a separate process, for measurements from outside.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -46,7 +46,7 @@ impl Process {
         format!("http://{}{path}", self.address)
     }
 
-    /// Bytes of memory that the process holds, as Linux tells.
+    /// Resident memory of the process in bytes, as Linux reports it.
     pub(crate) fn resident(&self) -> u64 {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();

@@ -1,4 +1,4 @@
-//! What a well-behaved client library never does: half bodies, slow bodies, hanging up.
+//! What a well-behaved client library never does: partial bodies, slow bodies, hanging up.
 
 use std::time::Duration;
 
@@ -74,7 +74,7 @@ async fn a_client_that_hangs_up_before_the_answer_leaves_a_whole_record() {
     let server = Server::start().await;
     let mut stream = connect(&server, &head(obj().len())).await;
     stream.write_all(obj()).await.unwrap();
-    // Long enough for the upload to have been read, far too short for the work.
+    // Long enough for the upload to be read, far too short for the work.
     while server.service.pool().running() == 0 {
         tokio::task::yield_now().await;
     }
@@ -119,7 +119,7 @@ async fn a_client_that_sends_on_still_reads_the_refusal() {
             }
             Ok::<_, std::io::Error>(writer)
         });
-        // Reads nothing until all is sent, as simple clients do.
+        // Like simple clients, it reads nothing until everything is sent.
         let writer = sending.await.unwrap();
         assert!(writer.is_ok(), "reset while sending");
         let mut text = Vec::new();

@@ -1,4 +1,4 @@
-//! What a mark does to a mesh: told, kept, and limited.
+//! What a mark does to a mesh: reported, kept and limited.
 
 use serde_json::Value;
 
@@ -38,7 +38,7 @@ async fn the_answer_and_the_record_tell_what_the_mark_did() {
     assert_eq!(server.get_json(&path).await, answered);
 }
 
-/// The coordinates of an OBJ, as they are spelled.
+/// The coordinates of an OBJ, as written.
 fn coordinates(obj: &[u8]) -> Vec<&str> {
     let lines = std::str::from_utf8(obj).unwrap().lines();
     lines.filter_map(|line| line.strip_prefix("v ")).flat_map(|line| line.split(' ')).collect()
@@ -48,8 +48,8 @@ fn decimals(word: &str) -> usize {
     word.split_once('.').map_or(0, |(_, digits)| digits.len())
 }
 
-/// A host with the sample's six decimals keeps them; one with three gets more, and the record says of
-/// how many coordinates.
+/// A host with the sample's six decimals keeps them. A host with three gets more, and the record
+/// says for how many coordinates.
 #[tokio::test(flavor = "multi_thread")]
 async fn coordinates_keep_their_decimals_or_are_counted() {
     let server = Server::start().await;
@@ -75,13 +75,13 @@ async fn coordinates_keep_their_decimals_or_are_counted() {
 #[tokio::test(flavor = "multi_thread")]
 async fn the_strongest_mark_within_the_distortion_is_made() {
     let server = Server::start().await;
-    // Well above what the weakest mark of this mesh costs with this method (1.9e-5 to 2.6e-5, by
-    // key), well below the strongest.
+    // Well above the distortion of the weakest mark of this mesh with this method (1.9e-5 to
+    // 2.6e-5, by key), and well below the strongest.
     let (limit, method) = (6e-5, ("method", "qsp-mean"));
     let found = record_of(&server, &[method, ("max_distortion", "0.00006")]).await;
     let (mrms, strength) = (number(&found["quality"]["mrms"]), number(&found["strength"]));
-    // The strength leaves room for codewords that distort more than most: those that distort least (a
-    // random key on narrow bins) use well below half of what they may.
+    // The strength leaves room for codewords that distort more than most. Codewords that distort
+    // least (a random key on narrow bins) use well below half of the limit.
     assert!(mrms <= limit && mrms > 0.3 * limit, "{found}");
     let twice = record_of(&server, &[method, ("max_distortion", "0.00012")]).await;
     assert!(number(&twice["strength"]) > strength, "{twice}");

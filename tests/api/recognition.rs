@@ -1,10 +1,11 @@
-//! What the blind frame cannot read: parts, moved parts, wild noise, all without naming a mark.
+//! Suspects that the blind frame cannot read: parts, moved parts and strong noise, without naming a
+//! mark.
 
 use serde_json::Value;
 
 use crate::server::{Server, file_form, obj, other_obj};
 
-/// The `v` lines of a file put through `of`, with the number of the vertex.
+/// Replaces the vertices of a file's `v` lines by `of` their number and position.
 fn with_vertices(file: &[u8], of: impl Fn(usize, [f64; 3]) -> [f64; 3]) -> Vec<u8> {
     let text = std::str::from_utf8(file).unwrap();
     let mut number = 0;
@@ -29,7 +30,7 @@ fn vertices(file: &[u8]) -> Vec<[f64; 3]> {
     text.lines().filter_map(|line| line.strip_prefix("v ")).map(numbers).collect()
 }
 
-/// The faces on one side of a plane that leaves so many percent of the vertices.
+/// The faces on one side of a plane, with `percent` percent of the vertices.
 fn part(file: &[u8], percent: usize) -> Vec<u8> {
     let along: Vec<f64> = vertices(file).iter().map(|[x, y, z]| x + 0.6 * y - 0.3 * z).collect();
     let mut sorted = along.clone();
@@ -43,7 +44,7 @@ fn part(file: &[u8], percent: usize) -> Vec<u8> {
     text.lines().filter(kept).flat_map(|line| [line, "\n"]).collect::<String>().into_bytes()
 }
 
-/// Turned about two axes, a third as large, elsewhere.
+/// Turned about two axes, scaled to 0.3, and moved.
 fn moved(file: &[u8]) -> Vec<u8> {
     let (s, c) = 1.1_f64.sin_cos();
     let (t, d) = 0.4_f64.sin_cos();
@@ -54,7 +55,7 @@ fn moved(file: &[u8]) -> Vec<u8> {
     })
 }
 
-/// Each vertex by up to this share of the object's size on each axis.
+/// Moves each vertex by up to this share of the object's size on each axis.
 fn noisy(file: &[u8], share: f64) -> Vec<u8> {
     let all = vertices(file);
     let size = all.iter().flatten().fold(0.0_f64, |size, x| size.max(x.abs()));
@@ -91,7 +92,7 @@ async fn parts_and_wrecks_are_recognised_without_being_named_also_after_a_restar
         let verdict = server.verify(file_form(&wild)).await;
         assert_found(&verdict, &id, "in_place", "noise of 1.5 %, order kept");
         assert_eq!(verdict["matches"][0]["evidence"]["stage"], "matched_filter");
-        // Fast looks at no host.
+        // The depth `fast` uses no host.
         let fast = server.verify(file_form(&gone).text("depth", "fast")).await;
         assert_eq!(fast["verdict"], "no_match", "{fast}");
         if !restarted {

@@ -12,7 +12,7 @@ fn ids_of(page: &serde_json::Value) -> Vec<String> {
     records.iter().map(|record| record["id"].as_str().unwrap().to_owned()).collect()
 }
 
-/// What was registered after a cursor, in order, and the cursor to go on from.
+/// The records registered after a cursor, in order, and the cursor to continue from.
 async fn poll(server: &Server, from: Option<String>) -> (Vec<String>, Option<String>) {
     let (mut seen, mut resume) = (Vec::new(), from);
     loop {
@@ -26,7 +26,7 @@ async fn poll(server: &Server, from: Option<String>) -> (Vec<String>, Option<Str
     }
 }
 
-/// The slow one draws its id first and is registered last.
+/// The slow mark draws its id first and is registered last.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_poller_sees_a_slow_mark_that_has_an_older_id() {
     let settings = Settings { workers: Some(2), ..Settings::default() };
@@ -34,7 +34,7 @@ async fn a_poller_sees_a_slow_mark_that_has_an_older_id() {
     let large = to_obj(&Sample::Blob.mesh(150_000).unwrap());
     let slow = server.mark(&large, "acme");
     let fast = async {
-        // The slow one has its id when its job runs.
+        // The slow mark has its id when its job runs.
         while server.service.pool().running() == 0 {
             tokio::time::sleep(Duration::from_millis(5)).await;
         }

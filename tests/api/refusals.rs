@@ -1,4 +1,4 @@
-//! What is refused: with a problem of the right code, and without a trace.
+//! Refusals: a problem with the right code, and nothing stored.
 
 use quadmark::config::Settings;
 use reqwest::multipart::Form;

@@ -1,5 +1,5 @@
-//! The relief: what is left of a mark when its surface was made anew, cut to pieces or averaged, and
-//! marks of meshes that the blind layer cannot use.
+//! The relief: what is left of a mark when its surface was remeshed, cut or averaged, and marks of
+//! meshes that the blind layer cannot use.
 
 use glam::DVec3;
 use quadmark::attacks::crop::Of;
@@ -44,7 +44,7 @@ async fn marked(
     (server.get_json(&location).await, file)
 }
 
-/// A sphere about the origin, from a cube whose sides have so many squares along an edge.
+/// A sphere about the origin, from a cube with `along` squares along each edge.
 fn ball(along: u32, round: bool) -> Mesh {
     let mut positions = Vec::new();
     let mut triangles = Vec::new();
@@ -86,7 +86,7 @@ async fn marks_survive_a_new_surface_and_fragments() {
     ] {
         let verdict = server.verify(file_form(&to_glb(&attacked(&file, &steps)))).await;
         assert_found(&verdict, &record, what);
-        // The same of the host is nobody's.
+        // The same attack on the host matches nothing.
         let verdict = server.verify(file_form(&to_glb(&attacked(obj(), &steps)))).await;
         assert_eq!(verdict["verdict"], "no_match", "{what}: {verdict}");
     }
@@ -161,7 +161,7 @@ async fn layers_are_as_asked_and_a_retry_makes_the_same_bytes() {
             "blind" => assert_ne!(stage, "relief", "{verdict}"),
             _ => {}
         }
-        // Nothing kept of the file: it is made again.
+        // The file is not kept, so it is made again.
         let send = || async {
             let form = file_form(obj()).text("owner_id", "acme").text("layers", layers);
             let form = form.text("keep_file", "false").text("label", "again");
@@ -201,7 +201,7 @@ async fn what_carries_neither_layer_is_refused() {
     assert_eq!(server.get_json("/v1/watermarks").await["watermarks"], Value::Array(Vec::new()));
 }
 
-/// Another object with the vertex norms of a marked one: what a blind reader looks at.
+/// Another object with the vertex norms of a marked one, which is what a blind reader reads.
 fn with_norms_of(marked: &Mesh, other: &Mesh) -> Mesh {
     let norms_about = |mesh: &Mesh, centre: DVec3| -> Vec<f64> {
         mesh.positions().iter().map(|p| p.distance(centre)).collect()
@@ -228,7 +228,7 @@ fn with_norms_of(marked: &Mesh, other: &Mesh) -> Mesh {
             best = Some((off, made));
         }
     }
-    // Ranks change with the centre, so it moves in small steps at the end.
+    // Ranks change with the centre, so the centre moves in small steps at the end.
     let (off, made) = best.unwrap();
     assert!(off < 1e-3, "the centre does not settle: {off}");
     made
@@ -244,13 +244,13 @@ async fn bits_on_another_object_are_no_match_and_the_shapes_are_told() {
     let best = &verdict["matches"][0];
     assert_eq!(best["watermark_id"], record["id"], "{verdict}");
     assert!(best["on_host"].as_f64().unwrap() < 0.5, "{verdict}");
-    // What was marked itself, moved and in another order, is a match.
+    // The marked object itself, moved and in another order, is a match.
     for steps in [vec![], vec![Attack::Similarity, Attack::Reorder]] {
         let verdict = server.verify(file_form(&to_glb(&attacked(&file, &steps)))).await;
         assert_found(&verdict, &record, "the marked file");
         assert!(verdict["matches"][0]["on_host"].as_f64().unwrap() > 0.9, "{verdict}");
     }
-    // Without the host nobody can tell.
+    // Without the host, the two cannot be distinguished.
     let server = Server::start().await;
     let (record, file) = marked(&server, obj(), &[("keep_host", "false")]).await;
     let forged = to_glb(&with_norms_of(&mesh(&file), &mesh(other_obj())));
@@ -267,7 +267,7 @@ async fn a_copy_that_is_damaged_and_marked_anew_is_found_out() {
     let laundered = to_obj(&attacked(&file, &steps));
     let (second, again) = marked(&server, &laundered, &[]).await;
     assert_eq!(second["existing_marks"][0]["watermark_id"], first["id"], "{second}");
-    // For another recipient nobody looks anew, and the record says the same.
+    // For another recipient the search is not repeated, and the record says the same.
     let (third, _) = marked(&server, &laundered, &[("recipient", "two")]).await;
     assert_eq!(third["existing_marks"][0]["watermark_id"], first["id"], "{third}");
     let verdict = server.verify(file_form(&again)).await;

@@ -87,7 +87,7 @@ impl Server {
         self.client.post(self.url(path)).multipart(form).send().await.unwrap()
     }
 
-    /// Marks a file; its id and its marked bytes.
+    /// Marks a file. Returns its id and its marked bytes.
     pub(crate) async fn mark(&self, file: &[u8], owner_id: &str) -> (String, Vec<u8>) {
         let form = file_form(file).text("owner_id", owner_id.to_owned());
         marked(self.post("/v1/watermarks", form).await).await
@@ -118,7 +118,7 @@ pub(crate) async fn marked(response: reqwest::Response) -> (String, Vec<u8>) {
     (id.unwrap().to_str().unwrap().to_owned(), bytes.to_vec())
 }
 
-/// Checks that an answer is a problem of this status and code; its body.
+/// Checks that an answer is a problem of this status and code. Returns its body.
 pub(crate) async fn problem(response: reqwest::Response, status: u16, code: &str) -> Value {
     let found = response.status().as_u16();
     let path = response.url().path().to_owned();
@@ -138,8 +138,8 @@ pub(crate) async fn problem(response: reqwest::Response, status: u16, code: &str
     body
 }
 
-/// Whether an operation at this path may answer so, as the document says. What is at no path, or asked
-/// with a method that its path does not have, is no operation.
+/// Whether the document allows this answer from an operation at this path. An unknown path, or a
+/// method that the path does not have, is no operation.
 fn is_documented(path: &str, status: u16, code: &str) -> bool {
     static DOCUMENT: OnceLock<Value> = OnceLock::new();
     let read = || yaml_serde::from_str(&quadmark::http::openapi_yaml()).unwrap();
@@ -174,13 +174,13 @@ pub(crate) fn obj() -> &'static [u8] {
     OBJ.get_or_init(|| to_obj(&Sample::Blob.mesh(10_000).unwrap()))
 }
 
-/// Another one.
+/// Another closed surface, as OBJ.
 pub(crate) fn other_obj() -> &'static [u8] {
     static OBJ: OnceLock<Vec<u8>> = OnceLock::new();
     OBJ.get_or_init(|| to_obj(&Sample::Knot.mesh(10_000).unwrap()))
 }
 
-/// The first one as GLB.
+/// The surface of [`obj`] as GLB.
 pub(crate) fn glb() -> &'static [u8] {
     static GLB: OnceLock<Vec<u8>> = OnceLock::new();
     GLB.get_or_init(|| to_glb(&Sample::Blob.mesh(10_000).unwrap()))

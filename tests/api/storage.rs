@@ -1,4 +1,4 @@
-//! What is stored, what is refused at the start, and the check of a data directory.
+//! What is stored, which starts are refused, and the check of a data directory.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use crate::server::{Server, file_form, glb, marked, obj, other_obj, problem};
 
-/// Names below a part of the data directory.
+/// File names in a part of the data directory.
 fn names(data: &Path, part: &str) -> Vec<String> {
     let Ok(entries) = std::fs::read_dir(data.join(part)) else { return Vec::new() };
     let mut names: Vec<String> =
@@ -22,8 +22,8 @@ fn names(data: &Path, part: &str) -> Vec<String> {
     names
 }
 
-/// All files below a directory with their bytes: what a refused start must leave alone. (Beside a
-/// database that is read, `SQLite` keeps files of its own.)
+/// All files below a directory with their bytes. A refused start must not change them. Files that
+/// `SQLite` keeps beside a database while it is read are left out.
 fn everything(directory: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();
     let mut directories = vec![directory.to_owned()];
@@ -46,7 +46,7 @@ fn settings() -> Settings {
     Settings { workers: Some(2), queue: Some(2), ..Settings::default() }
 }
 
-/// A start that is refused, and changes nothing.
+/// A start that is refused and changes nothing.
 async fn refused(directory: &tempfile::TempDir, settings: Settings) -> StartError {
     let data = directory.path().join("data");
     let before = everything(&data);
@@ -76,7 +76,7 @@ fn check(data: &Path) -> (Option<i32>, Vec<(String, String)>) {
 #[tokio::test]
 async fn a_host_is_stored_once_for_all_its_recipients_and_formats() {
     let server = Server::start().await;
-    // The same numbers as OBJ and as GLB: those that a GLB holds.
+    // The same numbers as OBJ and as GLB, in single precision.
     let limits = Limits::default();
     let mesh = Asset::read(glb(), &limits).unwrap().into_mesh();
     let text = exact_obj(&mesh);
@@ -133,7 +133,7 @@ async fn a_registry_that_is_gone_or_older_is_refused_and_nothing_is_lost() {
     let error = refused(&directory, settings()).await;
     assert!(matches!(error, StartError::RegistryGone { files: 3, .. }), "{error}");
     assert!(error.to_string().contains("--accept-registry"), "{error}");
-    // Also where an accident has left no note.
+    // Also if an accident has removed the note.
     let note = std::fs::read(data.join("registry.seen")).unwrap();
     std::fs::remove_file(data.join("registry.seen")).unwrap();
     let error = refused(&directory, settings()).await;
@@ -148,7 +148,7 @@ async fn a_registry_that_is_gone_or_older_is_refused_and_nothing_is_lost() {
         vec![("blob_without_record".to_owned(), format!("files/{second}")), mine("registry_older")];
     assert_eq!(check(&data), (Some(1), expected));
 
-    // Accepted: what the older one does not know waits in quarantine.
+    // Accepted: blobs that the older registry does not have go to quarantine.
     let accept = Settings { accept_registry: Some(true), ..settings() };
     let server = Server::on(directory, accept).await;
     assert_eq!(names(&data, "blobs/files"), std::slice::from_ref(&first));
@@ -160,7 +160,7 @@ async fn a_registry_that_is_gone_or_older_is_refused_and_nothing_is_lost() {
     assert_eq!(names(&data, "blobs/hosts").len(), 1);
     assert_eq!(server.verify(file_form(&file)).await["verdict"], "no_match");
     let directory = server.stop().await;
-    // The newest is found again, and the file put back.
+    // The newest registry is found again, and the file is put back.
     let quarantined = data.join(format!("blobs/quarantine/{batch}/files/{second}"));
     std::fs::rename(quarantined, data.join(format!("blobs/files/{second}"))).unwrap();
     std::fs::write(&registry, &newest).unwrap();
@@ -184,7 +184,7 @@ async fn more_orphans_than_a_crash_leaves_are_refused_and_fewer_quarantined() {
     let directory = server.stop().await;
     let data = directory.path().join("data");
     let orphan = || data.join(format!("blobs/files/{}", uuid::Uuid::now_v7()));
-    // Two workers, two in the queue, a file and a host each.
+    // Two workers and two in the queue, with a file and a host each.
     for _ in 0..9 {
         std::fs::write(orphan(), "x").unwrap();
     }
@@ -242,7 +242,7 @@ async fn missing_keys_refuse_the_start_and_are_named() {
     let error = Service::open_to_verify(config(settings())).await.err().unwrap();
     named(&error);
 
-    // The operator who lost it.
+    // The operator has lost the key.
     let allow = Settings { allow_unreadable_marks: Some(true), ..settings() };
     Service::open_to_verify(config(allow.clone())).await.unwrap().close().await;
     let server = Server::on(directory, allow.clone()).await;
@@ -257,12 +257,12 @@ async fn missing_keys_refuse_the_start_and_are_named() {
         assert!(server.client.delete(&url).send().await.unwrap().status().is_success());
     }
     assert_eq!(server.get_json("/readyz").await["unreadable_marks"], Value::Null);
-    // A revoked mark is not searched for: it needs no key.
+    // A revoked mark is not searched for and needs no key.
     let directory = server.stop().await;
     let server = Server::on(directory, settings()).await;
     assert_eq!(server.get_json("/readyz").await["status"], "ok");
     let directory = server.stop().await;
-    // But a key is made anew for an empty registry only.
+    // A new key is made only for an empty registry.
     std::fs::remove_file(&keys).unwrap();
     let error = refused(&directory, settings()).await;
     assert!(matches!(error, StartError::MissingKeys { .. }), "{error}");
@@ -270,7 +270,7 @@ async fn missing_keys_refuse_the_start_and_are_named() {
     assert!(keys.exists());
 }
 
-/// A fault: what the check calls it, the file it names, and how it is made.
+/// A fault: its name in the check, the file it is about, and how to make it.
 type Fault<'a> = (&'a str, String, Box<dyn Fn() + 'a>);
 
 #[tokio::test]
@@ -387,7 +387,7 @@ async fn hosts_of_the_old_layout_move_to_the_new_one() {
     assert_eq!(verdict["matches"][0]["watermark_id"], first.as_str(), "{verdict}");
 }
 
-/// Every number as short as it reads back.
+/// Every number with the fewest digits that read back to it.
 fn exact_obj(mesh: &Mesh) -> Vec<u8> {
     let vertex = |p: &glam::DVec3| format!("v {} {} {}\n", p.x, p.y, p.z);
     let face = |t: &[u32; 3]| format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1);
@@ -395,7 +395,7 @@ fn exact_obj(mesh: &Mesh) -> Vec<u8> {
     vertices.chain(mesh.triangles().iter().map(face)).collect::<String>().into_bytes()
 }
 
-/// The triangles of one half, moved.
+/// The triangles of one half of the mesh, scaled and moved.
 fn half_of(file: &[u8]) -> Vec<u8> {
     let mesh = Asset::read(file, &Limits::default()).unwrap().into_mesh();
     let shift = glam::DVec3::new(1.5, -0.25, 3.0);

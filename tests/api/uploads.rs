@@ -1,4 +1,4 @@
-//! Uploads are admitted before they travel, and what stands still or does not fit leaves nothing.
+//! Uploads are admitted before they are sent. An upload that stalls or does not fit leaves nothing.
 
 #[cfg(unix)]
 use std::path::{Path, PathBuf};
@@ -28,13 +28,13 @@ async fn begun(server: &Server, length: usize) -> TcpStream {
     stream
 }
 
-/// A small request that is refused for its content, once it is let in.
+/// A small request that is refused for its content once it is admitted.
 async fn try_out(server: &Server) -> reqwest::Response {
     let url = server.url("/v1/inspections");
     server.client.post(url).body("not a mesh").send().await.unwrap()
 }
 
-/// Waits until small uploads are taken, or are not.
+/// Waits until small uploads are admitted, or are not.
 async fn until(server: &Server, taken: bool) {
     let tries = async {
         while (try_out(server).await.status() == 415) != taken {
@@ -67,7 +67,7 @@ async fn idle_half_uploads_hold_neither_places_nor_budget_for_ever() {
     let refused = try_out(&server).await;
     assert!(refused.headers().contains_key("retry-after"));
     problem(refused, 503, "uploads_full").await;
-    // Refused before the body: who waits for leave to send is told at once.
+    // Refused before the body: a client that waits for leave to send is answered at once.
     let mut waiting = TcpStream::connect(server.address).await.unwrap();
     let head = "POST /v1/inspections HTTP/1.1\r\nHost: localhost\r\nExpect: 100-continue\r\n\
                 Content-Length: 10\r\n\r\n";
@@ -93,7 +93,7 @@ async fn all_uploads_together_have_a_budget() {
     let server = Server::with(settings).await;
     let held = begun(&server, (2 << 20) - 100).await;
     until(&server, true).await;
-    // Until the place is taken, more would fit.
+    // Until the first upload has its space, more would fit.
     let tries = async {
         loop {
             let declared = server.post("/v1/inspections", file_form(obj())).await;
@@ -104,7 +104,7 @@ async fn all_uploads_together_have_a_budget() {
     };
     let declared = tokio::time::timeout(LIVENESS, tries).await.unwrap();
     problem(declared, 503, "uploads_full").await;
-    // What declares nothing is stopped where it no longer fits.
+    // An upload without a declared length is stopped when it no longer fits.
     let parts: Vec<_> =
         obj().chunks(10_000).map(|part| Ok::<_, std::io::Error>(part.to_vec())).collect();
     let body = reqwest::Body::wrap_stream(futures::stream::iter(parts));
@@ -163,7 +163,7 @@ impl Drop for SmallDisk {
     }
 }
 
-/// Leaves `bytes` free, with a file that takes the rest.
+/// Leaves `bytes` free by a file that takes the rest.
 #[cfg(unix)]
 fn leave_free(disk: &Path, bytes: u64) {
     use std::io::Write as _;
@@ -183,7 +183,7 @@ async fn a_disk_that_runs_full_is_never_a_500_and_leaves_nothing() {
     let settings = Settings { min_free_bytes: Some(0), ..Settings::default() };
     let directory = tempfile::tempdir_in(&disk.path).unwrap();
     let server = Server::on(directory, settings).await;
-    // From no room for the upload, over room for it but not for what is kept of it, to enough.
+    // From no room for the upload, through room for it but not for the stored files, to enough.
     let step = 24 << 10;
     let mut refused = 0;
     let marked = loop {
@@ -199,7 +199,7 @@ async fn a_disk_that_runs_full_is_never_a_500_and_leaves_nothing() {
     };
     println!("{refused} of {} steps refused, {} bytes", refused + 1, refused * step);
     assert!(refused * step > glb().len() as u64, "room for the upload alone was not enough");
-    // A verdict that cannot be kept.
+    // A verdict that cannot be stored.
     let mut refused = 0;
     let verdict = loop {
         leave_free(&disk.path, refused * step);

@@ -1,4 +1,4 @@
-//! Work that nobody waits for any more, and work that is far more than its file looks like.
+//! Work that nobody waits for any more, and work that is much larger than its file suggests.
 
 use std::time::{Duration, Instant};
 
@@ -7,10 +7,10 @@ use quadmark::sample::{Sample, to_glb};
 
 use super::server::{Server, file_form, obj, other_obj, problem};
 
-/// For what should take no time on a machine that does other things, too.
+/// A limit for what should take no time, on a machine that also does other things.
 const LIVENESS: Duration = Duration::from_mins(1);
 
-/// A grid of 100 x 100 cells as GLB, whose one index accessor so many primitives name.
+/// A grid of 100 x 100 cells as GLB, with this number of primitives that share one index accessor.
 fn repeated(primitives: usize) -> Vec<u8> {
     let mut bin: Vec<u8> = Vec::new();
     for k in 0..101_u16 * 101 {
@@ -91,7 +91,7 @@ async fn what_needs_more_memory_than_there_is_is_refused() {
     assert_eq!(server.service.pool().running(), 0);
 }
 
-/// A mesh that takes minutes to be rehearsed and marked, and a second to do it in.
+/// A mesh that takes minutes to rehearse and to mark, with a deadline of a second.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_deadline_frees_the_pool_and_a_shutdown_after_it_is_quick() {
     let settings = Settings {
@@ -146,13 +146,14 @@ async fn a_client_that_hangs_up_ends_its_verification_and_its_inspection() {
     assert_eq!(verdict["verdict"], "match");
 }
 
-/// Told to go down while the first of its jobs runs: the second still does.
+/// The service is told to stop while the first job of a verification runs. The second job still
+/// runs.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_verification_that_began_ends_before_the_service_goes_down() {
     let settings = Settings { workers: Some(1), queue: Some(0), ..Settings::default() };
     let server = Server::with(settings).await;
     let (id, marked) = server.mark(obj(), "acme").await;
-    // Half of it: found only beside its host, in the second job.
+    // Half of it, which is found only with its host, in the second job.
     let lines: Vec<&str> = std::str::from_utf8(&marked).unwrap().lines().collect();
     let faces = lines.iter().filter(|line| line.starts_with("f ")).count();
     let mut seen = 0;
@@ -174,7 +175,7 @@ async fn a_verification_that_began_ends_before_the_service_goes_down() {
     assert_eq!(status, 200, "{verdict}");
     assert_eq!(verdict["verdict"], "match", "{verdict}");
     assert_eq!(verdict["matches"][0]["watermark_id"], id.as_str());
-    // It was kept, too.
+    // The verdict was stored, too.
     let path = format!("/v1/verifications/{}", verdict["id"].as_str().unwrap());
     assert_eq!(server.get_json(&path).await, verdict);
 }

@@ -8,12 +8,12 @@ use std::process::Command;
 
 const SOURCE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/power_cut/disk.c");
 
-/// A directory, and what of it would survive.
+/// A directory, and the part of it that would survive a power cut.
 pub(crate) struct Disk {
     directory: tempfile::TempDir,
 }
 
-/// One `fsync`: what it made durable.
+/// What one `fsync` made durable.
 enum Synced {
     File(Vec<u8>),
     /// Name, inode, whether it is a directory.
@@ -21,8 +21,8 @@ enum Synced {
 }
 
 impl Disk {
-    /// An empty one. Builds the library: where quadmark was built (`SQLite` and zstd are C), there
-    /// is a C compiler.
+    /// An empty disk. Builds the library: a machine that built quadmark has a C compiler, since
+    /// `SQLite` and zstd are C.
     pub(crate) fn new() -> Self {
         let directory = tempfile::tempdir().unwrap();
         for part in ["root", "journal"] {
@@ -56,12 +56,12 @@ impl Disk {
             .env("POWER_CUT_JOURNAL", self.journal());
     }
 
-    /// How often something was synced so far.
+    /// Number of syncs so far.
     pub(crate) fn syncs(&self) -> usize {
         self.entries().len()
     }
 
-    /// Number, kind and inode of what was synced, in order.
+    /// Number, kind and inode of each synced file or directory, in order.
     fn entries(&self) -> Vec<(String, char, u64)> {
         let names = fs::read_dir(self.journal()).unwrap().map(|entry| entry.unwrap().file_name());
         let mut entries: Vec<(String, char, u64)> = names
@@ -77,7 +77,7 @@ impl Disk {
         entries
     }
 
-    /// Writes to the empty directory `to` what survives a power cut after so many syncs.
+    /// Writes to the empty directory `to` what survives a power cut after `syncs` syncs.
     pub(crate) fn survivors(&self, syncs: usize, to: &Path) {
         let mut synced = HashMap::new();
         for (name, kind, inode) in self.entries().into_iter().take(syncs) {

@@ -1,9 +1,9 @@
 //! Nothing that was answered is lost when the power is cut.
 //!
-//! The real `quadmark serve` runs on a disk of which only what was synced survives (`disk.c`, a
-//! preloaded library). It marks, verifies and revokes. Then the disk is looked at as if the power
-//! had been cut after each single sync: a service must start on it, and whatever was answered up
-//! to then must be there.
+//! The real `quadmark serve` runs on a disk of which only synced data survives (`disk.c`, a
+//! preloaded library). It marks, verifies and revokes. Then the disk is examined as if the power
+//! had been cut after each single sync. A service must start on it, and everything answered by then
+//! must exist.
 #![cfg(all(target_os = "linux", target_env = "gnu"))]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test")]
 
@@ -21,7 +21,7 @@ use serde_json::Value;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_quadmark");
 
-/// Below the root of the disk: directories that the service has to make durable, too.
+/// A directory below the root of the disk, with parents that the service must also make durable.
 const DATA: &str = "srv/quadmark/data";
 
 fn command() -> Command {
@@ -108,14 +108,14 @@ fn file_form(file: &[u8]) -> Form {
     Form::new().part("file", part.mime_str("application/octet-stream").unwrap())
 }
 
-/// What a client was told.
+/// What a client was answered.
 enum Told {
     Marked { recipient: &'static str, id: String, file: Vec<u8> },
     Revoked { id: String },
     Verified { answer: Value },
 }
 
-/// Marks, verifies and revokes. Each answer with the number of syncs at its time.
+/// Marks, verifies and revokes. Returns each answer with the number of syncs at its time.
 async fn work(disk: &Disk) -> Vec<(usize, Told)> {
     let service = Served::start(&disk.root().join(DATA), Some(disk));
     let mesh = Sample::Blob.mesh(10_000).unwrap();
@@ -137,7 +137,7 @@ async fn work(disk: &Disk) -> Vec<(usize, Told)> {
     told
 }
 
-/// Asks a service for what was told; with a verification of each file, where `thorough`.
+/// Asks a service for everything that was answered; if `thorough`, also verifies each file.
 async fn ask(service: &Served, told: &[&Told], cut: usize, thorough: bool) {
     let is_revoked = |wanted: &String| {
         told.iter().any(|told| matches!(told, Told::Revoked { id } if id == wanted))

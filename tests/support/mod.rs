@@ -1,5 +1,5 @@
-//! What the tests over real files share: where the files are, keys, and a look at the bytes that
-//! is not the program's own.
+//! Shared by the tests over real files: where the files are, keys, and comparisons of bytes that
+//! are independent of the program.
 #![allow(dead_code, reason = "each test uses some of it")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "test helpers")]
 
@@ -12,10 +12,9 @@ use quadmark::watermark::{BitCount, EmbedParams, MarkKey, Message, Method, Modul
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
-/// A folder of the test meshes: below `$QUADMARK_MESHES`, else below `../shared/meshes`. They are
-/// not part of the repository. A test that calls this carries
-/// `#[cfg_attr(not(shared_meshes), ignore = "...")]`, so that it is reported as ignored where they
-/// are missing (`build.rs` sets the flag).
+/// A folder of the test meshes, below `$QUADMARK_MESHES`, else below `../shared/meshes`. They are
+/// not part of the repository. A test that calls this has `#[cfg_attr(not(shared_meshes), ignore =
+/// "...")]`, so that it is reported as ignored if they are missing (`build.rs` sets the flag).
 pub fn meshes(part: &str) -> PathBuf {
     let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes");
     let folder = std::env::var_os("QUADMARK_MESHES").map_or_else(beside, PathBuf::from).join(part);
@@ -41,18 +40,18 @@ pub fn has_extension(path: &Path, wanted: &str) -> bool {
     path.extension().is_some_and(|extension| extension == wanted)
 }
 
-/// A key that is the same in every run and another for every name.
+/// A key that is the same in every run and differs between names.
 pub fn key_named(name: &str) -> MarkKey {
     MarkKey::from_bytes(Sha256::digest(name).into())
 }
 
-/// Half ones, half zeros, without a pattern.
+/// A pseudo-random message, about half ones.
 pub fn message_named(name: &str, bits: BitCount) -> Message {
     let bytes: [u8; 32] = Sha256::digest(format!("message {name}")).into();
     Message::from_bytes(&bytes[..bits.get() / 8], bits).unwrap()
 }
 
-/// Marks a file with a key and a message of its name.
+/// Marks a file with the key and the message of a name.
 pub fn mark_named(name: &str, host: &[u8], method: Method) -> Result<Marked, MarkError> {
     let params = EmbedParams { method, ..EmbedParams::default() };
     let request = MarkRequest {
@@ -69,7 +68,7 @@ pub fn mark_named(name: &str, host: &[u8], method: Method) -> Result<Marked, Mar
     mark(host, &request)
 }
 
-/// How many bits of the message of `name` a blind reader finds right and wrong.
+/// Number of bits of the message of `name` that a blind reader reads right, and wrong.
 pub fn bits_read(name: &str, bytes: &[u8], modulation: Modulation) -> (usize, usize) {
     let bits = BitCount::default();
     let found =
@@ -81,8 +80,8 @@ pub fn bits_read(name: &str, bytes: &[u8], modulation: Modulation) -> (usize, us
     (count(true), count(false))
 }
 
-/// Asserts that two OBJ files differ in nothing but coordinate tokens of `v` lines; how many
-/// lines differ.
+/// Asserts that two OBJ files differ only in coordinate tokens of `v` lines. Returns the number of
+/// lines that differ.
 pub fn assert_only_coordinates_differ(name: &str, host: &[u8], marked: &[u8]) -> usize {
     let lines = |bytes: &[u8]| -> Vec<Vec<u8>> {
         bytes.split_inclusive(|b| matches!(b, b'\n' | b'\r')).map(<[u8]>::to_vec).collect()
@@ -100,7 +99,7 @@ pub fn assert_only_coordinates_differ(name: &str, host: &[u8], marked: &[u8]) ->
         assert_eq!(before.len(), after.len(), "{name}, line {line}");
         let word = before.iter().position(|piece| !is_blank(piece)).unwrap();
         assert_eq!(before[word], b"v", "{name}, line {line} is no vertex");
-        // The keyword, then three times a blank and a coordinate.
+        // The keyword, then a blank and a coordinate three times.
         for (at, (before, after)) in before.iter().zip(&after).enumerate() {
             let coordinate = at > word && at <= word + 6 && !is_blank(before);
             assert!(coordinate || before == after, "{name}, line {line}, piece {at}");
@@ -118,8 +117,8 @@ fn pieces(line: &[u8]) -> Vec<&[u8]> {
     line.chunk_by(|a, b| a.is_ascii_whitespace() == b.is_ascii_whitespace()).collect()
 }
 
-/// Asserts that two GLB files differ in nothing but POSITION bytes and the bounds of those
-/// accessors (not sparse, in the GLB's own buffer).
+/// Asserts that two GLB files differ only in POSITION bytes and the bounds of those accessors,
+/// which must not be sparse and must be in the GLB's own buffer.
 pub fn assert_only_positions_differ(name: &str, host: &[u8], marked: &[u8]) {
     let ((before, before_bin), (after, after_bin)) = (chunks(host), chunks(marked));
     let mut positions: Vec<usize> = Vec::new();
@@ -151,7 +150,7 @@ fn index(number: u64) -> usize {
     usize::try_from(number).unwrap()
 }
 
-/// Where a tightly packed VEC3 of floats lies in the buffer.
+/// The byte range of a tightly packed VEC3 of floats in the buffer.
 fn element_range(document: &Value, accessor: usize) -> Range<usize> {
     let accessor = &document["accessors"][accessor];
     let view = &document["bufferViews"][index(accessor["bufferView"].as_u64().unwrap())];

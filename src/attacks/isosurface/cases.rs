@@ -1,6 +1,7 @@
-//! Marching cubes' table, made from its rules.
+//! The marching cubes table, computed from its rules.
 
-/// The edges of a cell: lower corner and axis. Bit `k` of a corner is the step along axis `k`.
+/// The edges of a cell: lower corner and axis. Bit `k` of a corner's number is its step along axis
+/// `k`.
 pub const EDGES: [(usize, usize); 12] = [
     (0, 0),
     (2, 0),
@@ -16,11 +17,12 @@ pub const EDGES: [(usize, usize); 12] = [
     (3, 2),
 ];
 
-/// The corners of each face, in the order that turns to the left when seen from outside.
+/// The corners of each face, counterclockwise when viewed from outside.
 const FACES: [[usize; 4]; 6] =
     [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
 
-/// Per set of inside corners (bit `k` for corner `k`), triangles of edges that look outward.
+/// For each set of inside corners (bit `k` for corner `k`), the triangles, which face outward.
+/// Their corners are numbers of edges.
 pub struct Cases(Vec<Vec<[usize; 3]>>);
 
 impl Cases {
@@ -41,13 +43,13 @@ fn edge_between(a: usize, b: usize) -> usize {
         .unwrap_or(0)
 }
 
-/// The closed lines in which the surface meets the cell's faces: on each face a line separates each
-/// run of inside corners from the rest.
+/// The closed polylines in which the surface meets the cell's faces. On each face, a segment
+/// separates each run of inside corners from the other corners.
 fn loops(case: usize) -> Vec<Vec<usize>> {
     let inside = |corner: usize| case >> corner & 1 == 1;
-    // Per edge where a run begins on a face, the edge where it ends there. Neighbouring faces go
-    // along their common edge in opposite directions, so each edge begins a run on one face and
-    // ends one on the other.
+    // For each edge where a run of inside corners begins on a face, the edge where it ends on that
+    // face. Neighbouring faces traverse their common edge in opposite directions, so each edge
+    // begins a run on one face and ends a run on the other.
     let mut next = [usize::MAX; 12];
     for face in FACES {
         for k in 0..4 {
@@ -84,8 +86,9 @@ fn share_a_face(a: usize, b: usize) -> bool {
     FACES.iter().any(|face| all.iter().all(|corner| face.contains(corner)))
 }
 
-/// A polygon in triangles whose inner sides lie in no face: the neighbouring cell could have the same
-/// side, which would then have four triangles. Every polygon of the table has such triangles.
+/// Cuts a polygon into triangles whose inner sides lie in no face. Otherwise the neighbouring cell
+/// could have the same side, which would then have four triangles. Every polygon of the table can
+/// be cut in this way.
 fn triangles(polygon: &[usize]) -> Vec<[usize; 3]> {
     cut(polygon).unwrap_or_default()
 }

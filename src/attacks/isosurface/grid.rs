@@ -1,6 +1,6 @@
-//! A cubic grid without bounds, of which only a few cells are of interest.
+//! A cubic grid of which only a few cells are used.
 //!
-//! A cell has the key of its lowest corner; keys ascend by x, y and z.
+//! The key of a cell is the key of its lowest corner. Keys ascend by x, y and z.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -9,10 +9,10 @@ use crate::mesh::surface::Surface;
 
 /// Bits per coordinate of a key.
 const BITS: u32 = 21;
-/// The coordinate of the origin: cells on both sides of it have keys.
+/// The coordinate of the origin, so that cells on both sides of it have keys.
 const MIDDLE: f64 = 1_048_576.0; // 2^20
 
-/// Keys of the steps along the axes.
+/// What a step along each axis adds to a key.
 const STEPS: [u64; 3] = [1 << (2 * BITS), 1 << BITS, 1];
 
 /// Where the grid lies and how large its cells are.
@@ -23,7 +23,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Cells of size `cell`, one of which begins at `origin`.
+    /// A grid with cells of size `cell`, one of which has its lowest corner at `origin`.
     pub fn new(origin: DVec3, cell: f64) -> Self {
         Self { origin, cell }
     }
@@ -33,7 +33,8 @@ impl Grid {
         self.cell
     }
 
-    /// The cell that a point lies in. (2^20 cells beside the origin all are the last one.)
+    /// The cell that a point lies in. Points beyond 2^20 cells from the origin belong to the last
+    /// cell.
     pub fn cell_of(&self, point: DVec3) -> u64 {
         let steps = ((point - self.origin) / self.cell).floor() + MIDDLE;
         let clamped = steps.clamp(DVec3::ONE, DVec3::splat(2.0 * MIDDLE - 3.0)).to_array();
@@ -41,7 +42,7 @@ impl Grid {
         clamped.iter().zip(STEPS).map(|(&x, step)| x as u64 * step).sum()
     }
 
-    /// Where a corner is.
+    /// The position of a corner.
     pub fn place(&self, corner: u64) -> DVec3 {
         let steps = coordinates(corner).map(|x| x as f64 - MIDDLE);
         self.origin + self.cell * DVec3::from_array(steps)
@@ -52,7 +53,7 @@ impl Grid {
         self.cell_of(corner + DVec3::splat(0.5 * self.cell)) & (STEPS[0] - 1)
     }
 
-    /// A corner of each line along x that passes within a box, and of some beside it.
+    /// A corner on each line along x that passes through a box, and on some lines beside the box.
     pub fn lines_within(&self, low: DVec3, high: DVec3) -> impl Iterator<Item = DVec3> + use<> {
         let grid = *self;
         let low = coordinates(self.cell_of(low));
@@ -73,7 +74,7 @@ pub fn next(corner: u64, axis: usize) -> u64 {
     corner + STEPS[axis]
 }
 
-/// A cell's eight corners; bit `k` of a number is the step along axis `k`.
+/// The eight corners of a cell. Bit `k` of an index is the step along axis `k`.
 pub fn around(cell: u64) -> [u64; 8] {
     std::array::from_fn(|corner| (0..3).filter(|axis| corner >> axis & 1 == 1).fold(cell, next))
 }
@@ -86,7 +87,7 @@ pub fn corners(cells: &[u64]) -> Vec<u64> {
     corners
 }
 
-/// The cells around each of `cells`, themselves too, ascending.
+/// `cells` and all cells around them, ascending.
 pub fn grown(cells: &[u64]) -> Vec<u64> {
     let shifted = |cell: u64| {
         (0..27_u64).map(move |k| {
@@ -101,8 +102,8 @@ pub fn grown(cells: &[u64]) -> Vec<u64> {
     all
 }
 
-/// The cells that a surface may touch, ascending: those of the boxes around its triangles, cut until
-/// no side is longer than a cell.
+/// The cells that a surface may touch, ascending. Triangles are cut until no side is longer than a
+/// cell; the cells of the bounding boxes of the pieces are taken.
 pub fn touched(grid: &Grid, surface: &Surface) -> Vec<u64> {
     let corners = |t: &[u32; 3]| t.map(|v| surface.positions[v as usize]);
     let of = |t: &[u32; 3]| {
@@ -126,7 +127,7 @@ pub fn touched(grid: &Grid, surface: &Surface) -> Vec<u64> {
     cells
 }
 
-/// A triangle cut at the middle of its longest side, where that is longer than `most`.
+/// A triangle cut at the middle of its longest side; `None` if no side is longer than `most`.
 fn halves([a, b, c]: [DVec3; 3], most: f64) -> Option<[[DVec3; 3]; 2]> {
     let [x, y, z] = [a.distance(b), b.distance(c), c.distance(a)];
     let longest = x.max(y).max(z);
@@ -146,8 +147,8 @@ fn halves([a, b, c]: [DVec3; 3], most: f64) -> Option<[[DVec3; 3]; 2]> {
     }
 }
 
-/// The cells of a triangle's box, which is a little larger than the triangle: a corner in the plane
-/// between two cells is in both.
+/// Adds the cells of a triangle's bounding box. The box is slightly enlarged, so that a corner in
+/// the plane between two cells is in both.
 fn boxed(grid: &Grid, [a, b, c]: [DVec3; 3], cells: &mut Vec<u64>) {
     let more = DVec3::splat(1e-9 * grid.cell);
     let low = coordinates(grid.cell_of(a.min(b).min(c) - more));

@@ -1,4 +1,4 @@
-//! A surface from values at the corners of a cubic grid: marching cubes over the few cells that the
+//! A surface from values at the corners of a cubic grid: marching cubes over the cells that the
 //! surface passes.
 
 mod cases;
@@ -15,28 +15,31 @@ use cases::{Cases, EDGES};
 pub use grid::{Grid, grown, touched};
 pub use winding::{Winding, is_closed};
 
-/// A vertex stays this share of an edge away from both of its corners: vertices of different edges
-/// never coincide, so that no triangle loses its area.
+/// A vertex keeps this share of its edge's length from both ends of the edge. So vertices of
+/// different edges never coincide, and no triangle loses its area.
 const LEAST_SHARE: f64 = 1e-3;
 
-/// A value that says nothing: cells with such a corner are left out.
+/// An unknown value. Cells with such a corner are left out.
 pub const UNKNOWN: f64 = f64::NAN;
 
-/// The surface where `value`, negative inside, passes through zero, within `cells` (ascending).
+/// The surface where `value`, which is negative inside, passes through zero, within `cells`
+/// (ascending).
 ///
-/// A distance changes along an edge by at most the edge's length, so where the sign changes, both
-/// values together are at most the cell. Cells with an edge where they are more than `slack` cells
-/// are left out: there the sign changes for another reason, such as a border of the surface. So what
-/// is open stays open (Curless and Levoy, *A volumetric method for building complex models from range
-/// images*, SIGGRAPH 1996, leave cells with unseen corners out alike).
+/// A distance changes along an edge by at most the edge's length. So where its sign changes, the
+/// absolute values at both ends add up to at most one cell. Cells with an edge where the sign
+/// changes and this sum exceeds `slack` cells are left out: there the sign changes for another
+/// reason, such as a border of the surface. So open surfaces stay open. Curless and Levoy (*A
+/// volumetric method for building complex models from range images*, SIGGRAPH 1996) leave out cells
+/// with unobserved corners likewise.
 ///
-/// Marching cubes (Lorensen and Cline, SIGGRAPH 1987); where a face's corners alternate, the inside
-/// ones are separated, on both sides of the face alike (Montani, Scateni and Scopigno, *A modified
-/// look-up table for implicit disambiguation of marching cubes*, 1994). So the surface has borders
-/// only where cells were left out, and every inner edge has two triangles.
+/// The method is marching cubes (Lorensen and Cline, SIGGRAPH 1987). Where the corners of a face
+/// alternate, the inside corners are separated, in the same way on both sides of the face (Montani,
+/// Scateni and Scopigno, *A modified look-up table for implicit disambiguation of marching cubes*,
+/// 1994). So the surface has borders only where cells were left out, and every inner edge has two
+/// triangles.
 ///
 /// # Errors
-/// [`AttackError::NoSurface`] where nothing passes through zero.
+/// [`AttackError::NoSurface`] when no value passes through zero.
 pub fn extract(
     grid: &Grid,
     cells: &[u64],
@@ -82,7 +85,7 @@ struct Passed {
 }
 
 impl Passed {
-    /// The edge of the grid that is the cell's edge of this number: its lower corner and axis.
+    /// The grid edge of this number in the cell, as one number for its lower corner and axis.
     fn edge(&self, number: usize) -> u64 {
         let (corner, axis) = EDGES[number];
         3 * self.corners[corner] as u64 + axis as u64
@@ -100,7 +103,7 @@ fn ends(edge: u64) -> (usize, usize) {
     (part(edge / 3), part(edge % 3))
 }
 
-/// Where a corner stands in the list; all corners of cells do.
+/// The index of a corner in the sorted list, which has all corners of the cells.
 fn position(corners: &[u64], corner: u64) -> usize {
     corners.partition_point(|&other| other < corner)
 }

@@ -34,13 +34,13 @@ fn a_ball_becomes_a_closed_surface_that_looks_outward() {
     }
 }
 
-/// Values at random, so that every ambiguous case comes up beside every other.
+/// Random values, so that every ambiguous case occurs beside every other.
 #[test]
 fn any_values_give_edges_of_two_triangles() {
     let grid = Grid::new(DVec3::ZERO, 1.0);
     let value = |p: DVec3| {
         let mut random = crate::attacks::random::Random::derived(1, p.to_array().map(f64::to_bits));
-        // Outside all around, so that nothing is open.
+        // Outside at the rim, so that the surface is closed.
         if p.abs().max_element() > 7.5 { 0.4 } else { 0.5 * random.symmetric() }
     };
     let steps = || -9_i32..9;

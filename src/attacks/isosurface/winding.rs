@@ -1,4 +1,4 @@
-//! What is inside a closed surface: how often it winds around the corners of a grid.
+//! The inside of a closed surface, from its winding numbers at the corners of a grid.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,18 +7,20 @@ use super::Grid;
 use crate::attacks::edges::Edges;
 use crate::mesh::surface::Surface;
 
-/// Per line of the grid along x, where the surface crosses it.
+/// For each grid line along x, where the surface crosses it.
 ///
-/// The winding number of a point is the signed number of crossings on a ray from it: exact wherever the
-/// surface is closed, also where parts of it touch, lie in each other or share edges, where the normal
-/// at the closest point may be either part's. (Ray stabbing of Nooruddin and Turk, *Simplification and
-/// repair of polygonal models using volumetric techniques*, IEEE TVCG 9(2), 2003, with signs.)
+/// The winding number of a point is the signed number of crossings on a ray from the point. It is
+/// exact wherever the surface is closed, even where parts touch, lie in each other or share edges.
+/// There the normal at the closest point may belong to either part. This is the ray stabbing of
+/// Nooruddin and Turk (*Simplification and repair of polygonal models using volumetric techniques*,
+/// IEEE TVCG 9(2), 2003), with signs.
 pub struct Winding {
-    /// Line, place along it, and the crossings from there on; ascending.
+    /// Line, x coordinate, and the signed number of crossings from there on; ascending.
     crossings: Vec<(u64, f64, i32)>,
 }
 
-/// Whether a surface is closed: as many triangles run along each edge one way as the other.
+/// Whether a surface is closed: along each edge, as many triangles run in one direction as in the
+/// other.
 pub fn is_closed(surface: &Surface, edges: &Edges) -> bool {
     let mut balance = vec![0_i32; edges.ends.len()];
     for (side, &edge) in edges.of_side.iter().enumerate() {
@@ -29,7 +31,7 @@ pub fn is_closed(surface: &Surface, edges: &Edges) -> bool {
 }
 
 impl Winding {
-    /// Of a surface that [`is_closed`].
+    /// Finds the crossings of a surface that [`is_closed`].
     pub fn new(grid: &Grid, surface: &Surface) -> Self {
         let of = |triangle: &[u32; 3]| crossings(grid, surface, *triangle);
         let mut crossings: Vec<(u64, f64, i32)> =
@@ -48,7 +50,7 @@ impl Winding {
         Self { crossings }
     }
 
-    /// Whether the surface winds around a corner of the grid.
+    /// Whether the surface winds around a corner of the grid, that is, its winding number is not 0.
     pub fn is_inside(&self, grid: &Grid, corner: DVec3) -> bool {
         let line = grid.line_of(corner);
         let next = self
@@ -58,13 +60,14 @@ impl Winding {
     }
 }
 
-/// Where a triangle crosses lines along x: with +1 where it looks along x, and -1.
+/// Where a triangle crosses grid lines along x: +1 if its normal points towards +x, else -1.
 fn crossings(grid: &Grid, surface: &Surface, triangle: [u32; 3]) -> Vec<(u64, f64, i32)> {
     let [a, b, c] = triangle.map(|v| surface.positions[v as usize]);
     let mut found = Vec::new();
     for corner in grid.lines_within(a.min(b).min(c), a.max(b).max(c)) {
-        // The side of each edge that the line passes on, from its lower end whichever triangle asks:
-        // both triangles at an edge see the same, so that no line slips through between them.
+        // The side of each edge on which the line passes. It is computed from the end with the
+        // lower index, so that both triangles at an edge agree and no line slips through between
+        // them.
         let side = |from: usize, to: usize| {
             let [i, j] = [triangle[from], triangle[to]];
             let turned = i > j;

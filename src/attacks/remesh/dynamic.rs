@@ -11,10 +11,10 @@ use crate::mesh::surface::{Surface, doubled_area};
 /// The triangles around a vertex: mostly six, and rarely more than eight.
 pub type Fan = SmallVec<[u32; 8]>;
 
-/// A triangle that is gone.
+/// Marks a removed triangle.
 const GONE: [u32; 3] = [u32::MAX; 3];
 
-/// Positions, triangles, and who stands where. Triangles and vertices that go leave a hole.
+/// Positions, triangles and their incidences. Removed triangles and vertices leave unused entries.
 pub struct Dynamic {
     pub positions: Vec<DVec3>,
     pub triangles: Vec<[u32; 3]>,
@@ -29,7 +29,7 @@ pub struct Dynamic {
     pub below: Vec<u32>,
 }
 
-/// The triangles at an edge: their opposite corners too.
+/// A triangle at an edge, and its corner opposite the edge.
 #[derive(Debug, Clone, Copy)]
 pub struct Wing {
     pub triangle: u32,
@@ -91,7 +91,7 @@ impl Dynamic {
         doubled_area(a, b, c)
     }
 
-    /// Triangles that are not gone.
+    /// Triangles that were not removed.
     pub fn living(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
         self.triangles.iter().copied().filter(|&t| t != GONE)
     }
@@ -104,7 +104,7 @@ impl Dynamic {
         self.living().map(area).sum()
     }
 
-    /// Vertices with triangles.
+    /// Number of vertices with triangles.
     pub fn vertices(&self) -> usize {
         self.around.iter().filter(|triangles| !triangles.is_empty()).count()
     }
@@ -138,7 +138,7 @@ impl Dynamic {
         self.features[a as usize].contains(&b)
     }
 
-    /// The triangles at an edge: the first two, and how many there are.
+    /// The number of triangles at an edge, and the first two of them.
     pub fn wings(&self, [a, b]: [u32; 2]) -> (usize, [Wing; 2]) {
         let mut wings = [Wing { triangle: 0, apex: 0 }; 2];
         let mut count = 0;
@@ -155,8 +155,8 @@ impl Dynamic {
         (count, wings)
     }
 
-    /// The only other triangle at the edge that `triangle` runs along from a to b, where there is
-    /// just one and it runs from b to a.
+    /// The other triangle at the edge that `triangle` runs along from a to b. `None` unless there
+    /// is exactly one other triangle and it runs from b to a.
     pub fn across(&self, triangle: u32, [a, b]: [u32; 2]) -> Option<Wing> {
         let mut others = self.around[a as usize].iter().filter_map(|&other| {
             let corners = self.triangles[other as usize];
@@ -184,7 +184,7 @@ impl Dynamic {
         self.around[a as usize].iter().any(|&t| self.triangles[t as usize].contains(&b))
     }
 
-    /// Puts a new vertex at `place` on the edge; its triangles become twice as many.
+    /// Splits an edge by a new vertex at `place`. Each triangle at the edge becomes two.
     pub fn split(&mut self, [a, b]: [u32; 2], place: DVec3) {
         let middle = index(self.positions.len());
         let triangles: Fan = self.around[a as usize]
@@ -216,8 +216,8 @@ impl Dynamic {
         }
     }
 
-    /// Merges `gone` into `kept`, which goes to `place`. The caller has checked that the result is
-    /// a surface (link condition).
+    /// Merges `gone` into `kept`, which moves to `place`. The caller has checked the link
+    /// condition, so that the result is a surface.
     pub fn collapse(&mut self, gone: u32, kept: u32, place: DVec3) {
         let triangles = std::mem::take(&mut self.around[gone as usize]);
         for t in triangles {
@@ -243,7 +243,8 @@ impl Dynamic {
         self.positions[kept as usize] = place;
     }
 
-    /// Turns the edge a-b of two triangles into the edge between their apexes. `first` runs a to b.
+    /// Flips the edge a-b of two triangles to the edge between their apexes. `first` runs from a to
+    /// b.
     pub fn flip(&mut self, [a, b]: [u32; 2], first: Wing, second: Wing) {
         self.triangles[first.triangle as usize] = [a, second.apex, first.apex];
         self.triangles[second.triangle as usize] = [second.apex, b, first.apex];

@@ -1,7 +1,7 @@
-//! The old surface under a vertex that moves along it.
+//! The original surface below a vertex that moves along it.
 //!
-//! The place below is searched for downhill from where the vertex was before, not over the whole
-//! surface: that is quicker, and a thin wall's other side is never taken for it.
+//! The nearest point is searched by descent from the vertex's previous position, not over the whole
+//! surface. That is faster, and the search never jumps to the other side of a thin wall.
 
 use glam::DVec3;
 
@@ -9,8 +9,8 @@ use crate::mesh::adjacency::Adjacency;
 use crate::mesh::closest::nearest_in_triangle;
 use crate::mesh::surface::Surface;
 
-/// Vertices that one search looks around at most. It ends by itself, the distance becoming smaller
-/// at each; after one round of remeshing two or three are usual.
+/// Largest number of vertices visited by one search. A search ends by itself, since the distance
+/// decreases at each vertex. After one round of remeshing, two or three vertices are usual.
 const MOST_STEPS: usize = 256;
 
 /// A surface and the triangles around its vertices.
@@ -19,10 +19,10 @@ pub struct Ground<'a> {
     around: &'a Adjacency,
 }
 
-/// A place on a surface.
+/// A point on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Foot {
-    /// Where it is.
+    /// Its position.
     pub place: DVec3,
     /// The triangle that it lies on.
     pub triangle: u32,
@@ -33,17 +33,17 @@ impl<'a> Ground<'a> {
         Self { surface, around }
     }
 
-    /// The place nearest to `point` that is reached downhill from `triangle`.
+    /// The point nearest to `point` that descent from `triangle` reaches.
     pub fn foot(&self, point: DVec3, triangle: u32) -> Foot {
         let (place, mut on) = self.nearest(point, triangle);
         let mut foot = Foot { place, triangle };
         let mut best = place.distance_squared(point);
-        // The corner that was looked around last.
+        // The corner whose triangles were examined last.
         let mut at = u32::MAX;
         for _ in 0..MOST_STEPS {
-            // Inside a triangle it is nowhere nearer beside it. All triangles at a side or corner
-            // stand around each of its ends: once one of these was looked around, it is nowhere
-            // nearer there.
+            // If the nearest point lies inside a triangle, its neighbours are no nearer. All
+            // triangles at a side or corner are around each of its ends. So once the triangles
+            // around one end were examined, none of them is nearer.
             let corners = self.surface.triangles[foot.triangle as usize];
             let mut ends = corners.into_iter().zip(on).filter_map(|(end, on)| on.then_some(end));
             if on == [true; 3] || ends.clone().any(|end| end == at) {
@@ -85,7 +85,7 @@ mod tests {
             for (number, &[a, b, c]) in (0..).zip(&surface.triangles) {
                 let start = ground.around.around(a as usize)[number % 2];
                 let [p, q, r] = [a, b, c].map(|v| surface.positions[v as usize]);
-                // Beside the triangle's far end and off it.
+                // Near the triangle's far end, off the surface.
                 let normal = (q - p).cross(r - p).normalize();
                 let point = q + 0.3 * (r - p) + 0.1 * p.distance(q) * normal;
                 let foot = ground.foot(point, start);
@@ -95,7 +95,7 @@ mod tests {
                 assert!(excess > -1e-12, "{sample}: {excess}");
                 same += usize::from(excess < 1e-12);
             }
-            // Elsewhere only in folds.
+            // Descent ends elsewhere only in folds.
             let share = same as f64 / surface.triangles.len() as f64;
             assert!(share > 0.97, "{sample}: {share}");
         }

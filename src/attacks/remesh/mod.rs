@@ -9,7 +9,7 @@ use crate::mesh::Mesh;
 use dynamic::Dynamic;
 use ground::Ground;
 
-/// How to remesh.
+/// Parameters of remeshing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Remeshing {
     /// Vertices of the result as a share of the carrier vertices before.
@@ -30,16 +30,16 @@ impl Remeshing {
     }
 }
 
-/// How far the goal length is taken towards what the number of vertices asks for, per round: edges
-/// follow their goal only after some rounds, and the whole step would swing.
+/// Exponent of the correction of the goal length, per round, from the number of vertices. Edges
+/// follow their goal only after some rounds, and a full correction would oscillate.
 const CORRECTION: f64 = 0.35;
 
-/// Replaces the triangles by nearly equilateral ones of one size, with `share` of the vertices:
-/// edges longer than 4/3 of a goal length are split and those shorter than 4/5 collapsed, edges are
-/// flipped towards six neighbours per vertex, vertices relaxed along the surface and projected onto
-/// the old one (Botsch and Kobbelt, *A remeshing approach to multiresolution modeling*, SGP 2004).
-/// The goal length follows from area and number of vertices and is corrected each round by the
-/// number that came out.
+/// Replaces the triangles by nearly equilateral ones of one size, with `share` of the vertices
+/// (Botsch and Kobbelt, *A remeshing approach to multiresolution modeling*, SGP 2004). Edges longer
+/// than 4/3 of a goal length are split, and edges shorter than 4/5 are collapsed. Edges are flipped
+/// towards six neighbours per vertex. Vertices are relaxed along the surface and projected onto the
+/// original one. The goal length follows from the area and the number of vertices. It is corrected
+/// each round by the number that resulted.
 ///
 /// Luo and Bors 2009, fig. 9, resample uniformly to shares of 1.0 to 0.2 with another program
 /// (Attene and Falcidieno, *`ReMESH`*, SMI 2006).

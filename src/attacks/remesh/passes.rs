@@ -9,17 +9,17 @@ use super::dynamic::{Dynamic, Wing};
 use super::ground::{Foot, Ground};
 use crate::mesh::surface::doubled_area;
 
-/// A triangle may turn by at most 60 degrees at once (cosine 1/2): more is a fold.
+/// Cosine of the largest turn of a triangle in one step, 60 degrees. A larger turn is a fold.
 const LEAST_COSINE: f64 = 0.5;
 
-/// Halvings in one round. Twenty would cut the diagonal of the object into a millionth.
+/// Largest number of halvings in one round. Twenty cut the object's diagonal to a millionth.
 const MOST_HALVINGS: usize = 20;
 
 /// Splits edges longer than `longest`, until there are none.
 pub fn split(mesh: &mut Dynamic, longest: f64) {
     let mut edges = mesh.edges(|edge| mesh.length(edge) > longest);
     for _ in 0..MOST_HALVINGS {
-        // Only edges at new vertices are new, and all the long ones among the others are split.
+        // Only edges at new vertices are new. All other long edges have been split.
         let first_new = index(mesh.positions.len());
         for edge in edges {
             let [a, b] = edge.map(|v| mesh.at(v));
@@ -32,8 +32,8 @@ pub fn split(mesh: &mut Dynamic, longest: f64) {
     }
 }
 
-/// Collapses edges shorter than `shortest` where that makes no edge longer than `longest`, folds
-/// nothing and moves no feature.
+/// Collapses edges shorter than `shortest` where that makes no edge longer than `longest`, folds no
+/// triangle and moves no feature.
 pub fn collapse(mesh: &mut Dynamic, shortest: f64, longest: f64) {
     let edges = mesh.edges(|edge| mesh.length(edge) < shortest);
     let mut lists = [Vec::new(), Vec::new()];
@@ -53,8 +53,9 @@ pub fn collapse(mesh: &mut Dynamic, shortest: f64, longest: f64) {
     }
 }
 
-/// Who goes, who stays and where: a smooth vertex gives way to a feature, and a vertex within a
-/// feature curve to the next along it. `None` when both must stay.
+/// The removed vertex, the kept vertex and its new position. A smooth vertex is merged into a
+/// feature vertex, and a vertex inside a feature curve into the next vertex along the curve. `None`
+/// if both must stay.
 fn merged(mesh: &Dynamic, [a, b]: [u32; 2]) -> Option<(u32, u32, DVec3)> {
     let degree = |v: u32| mesh.features[v as usize].len();
     match (degree(a), degree(b)) {
@@ -69,7 +70,7 @@ fn merged(mesh: &Dynamic, [a, b]: [u32; 2]) -> Option<(u32, u32, DVec3)> {
 }
 
 /// The link condition: the ends have no common neighbours but the apexes of the edge's triangles.
-/// Leaves the neighbours of both in `lists`.
+/// The neighbours of both ends are written to `lists`.
 fn is_sound(mesh: &Dynamic, edge: [u32; 2], lists: &mut [Vec<u32>; 2]) -> bool {
     let (count, wings) = mesh.wings(edge);
     for (list, vertex) in lists.iter_mut().zip(edge) {
@@ -90,7 +91,8 @@ fn stays_short(mesh: &Dynamic, place: DVec3, longest: f64, lists: &[Vec<u32>; 2]
     lists.iter().flatten().all(|&v| mesh.at(v).distance(place) <= longest)
 }
 
-/// Whether moving `vertex` to `place` folds a triangle, those with `except` aside.
+/// Whether moving `vertex` to `place` folds a triangle. Triangles with the corner `except` are
+/// ignored.
 fn folds(mesh: &Dynamic, vertex: u32, except: u32, place: DVec3) -> bool {
     mesh.around[vertex as usize].iter().any(|&t| {
         let corners = mesh.triangles[t as usize];
@@ -104,7 +106,8 @@ fn folds(mesh: &Dynamic, vertex: u32, except: u32, place: DVec3) -> bool {
 
 fn turns_too_far(before: DVec3, after: DVec3) -> bool {
     let lengths = before.length() * after.length();
-    // Also when the new triangle has no area. An old one without any may become anything.
+    // Also true if the new triangle has no area. An old triangle without area may take any
+    // orientation.
     before != DVec3::ZERO && before.dot(after) <= LEAST_COSINE * lengths
 }
 
@@ -112,8 +115,8 @@ fn turns_too_far(before: DVec3, after: DVec3) -> bool {
 pub fn flip(mesh: &mut Dynamic) {
     for triangle in 0..index(mesh.triangles.len()) {
         for k in 0..3 {
-            // Each edge is met in the triangle that runs along it upwards; a flip before may have
-            // given this triangle other corners.
+            // Each edge is visited from the triangle that runs along it from the lower to the
+            // higher index. An earlier flip may have changed the corners of this triangle.
             let corners = mesh.triangles[triangle as usize];
             let [a, b, c] = [corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]];
             let first = Wing { triangle, apex: c };
@@ -130,14 +133,15 @@ pub fn flip(mesh: &mut Dynamic) {
     }
 }
 
-/// Whether the corners c and d of the triangles at the edge a-b need an edge more than its ends do.
+/// Whether flipping the edge a-b to c-d, the other corners of its triangles, brings the four
+/// vertices nearer to their target numbers of neighbours.
 fn evens_out(mesh: &Dynamic, [a, b, c, d]: [u32; 4]) -> bool {
     let change = |vertex, more| excess(mesh, vertex, more) - excess(mesh, vertex, 0);
     c != d && change(a, -1) + change(b, -1) + change(c, 1) + change(d, 1) < 0
 }
 
-/// Squared difference between a vertex's neighbours, with `more` of them, and what it should have.
-/// Squares rather than sizes: of two flips the one at the worse vertex is preferred.
+/// Squared difference between a vertex's number of neighbours, changed by `more`, and its target.
+/// Squares are used rather than absolute values, so that flips at the worse vertex are preferred.
 fn excess(mesh: &Dynamic, vertex: u32, more: i64) -> i64 {
     let vertex = vertex as usize;
     let border = i64::from(mesh.border[vertex]);
@@ -145,18 +149,18 @@ fn excess(mesh: &Dynamic, vertex: u32, more: i64) -> i64 {
     (neighbours + more - (6 - 2 * border)).pow(2)
 }
 
-/// Whether the two triangles after a flip look the same way as the two before.
+/// Whether the two triangles after a flip face the same way as the two before.
 fn is_flat(mesh: &Dynamic, [a, b]: [u32; 2], first: Wing, second: Wing) -> bool {
     let before = mesh.normal(first.triangle) + mesh.normal(second.triangle);
     let [a, b, c, d] = [a, b, first.apex, second.apex].map(|v| mesh.at(v));
     let after = [doubled_area(a, d, c), doubled_area(d, b, c)];
-    // A sliver's normal means nothing.
+    // The normal of a sliver is unreliable.
     let least = 0.02 * before.length();
     after.iter().all(|&n| n.length() > least && !turns_too_far(before, n))
 }
 
-/// Moves smooth vertices along the surface to the middle of their neighbours, and onto the old
-/// surface.
+/// Moves smooth vertices along the surface to the mean of their neighbours, and projects them onto
+/// the original surface.
 pub fn relax(mesh: &mut Dynamic, old: &Ground<'_>) {
     let moves = |vertex: usize| !mesh.around[vertex].is_empty() && mesh.features[vertex].is_empty();
     let goals: Vec<Option<Foot>> = (0..mesh.positions.len())
@@ -173,13 +177,13 @@ pub fn relax(mesh: &mut Dynamic, old: &Ground<'_>) {
     }
 }
 
-/// The middle of the neighbours of an inner vertex, at the height of its own tangent plane.
+/// The mean of the neighbours of an inner vertex, projected onto the vertex's tangent plane.
 fn relaxed(mesh: &Dynamic, vertex: usize) -> DVec3 {
     let here = mesh.positions[vertex];
     let (mut sum, mut normal) = (DVec3::ZERO, DVec3::ZERO);
     let around = &mesh.around[vertex];
     for &t in around {
-        // Each neighbour stands in two triangles.
+        // Each neighbour is in two triangles.
         let corners = mesh.triangles[t as usize].map(|v| mesh.at(v));
         sum += corners[0] + corners[1] + corners[2] - here;
         normal += mesh.normal(t);

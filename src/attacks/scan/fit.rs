@@ -1,4 +1,4 @@
-//! Signed distances to a surface that is known by points with normals.
+//! Signed distance to a surface that is given by points with normals.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,24 +7,25 @@ use super::Sample;
 use crate::attacks::isosurface::{Grid, UNKNOWN};
 use crate::mesh::powers::squared;
 
-/// Steps of the grid's keys: neighbours along z are next to each other.
+/// Columns of buckets per axis around a position. Buckets along z have consecutive keys.
 const COLUMN: usize = 3;
 
-/// The cosine between normals from which on two samples are of one sheet: 120 degrees. Both sides of a
-/// right-angled crease are, or its fits would be torn between them; both sides of a thin wall are not.
+/// Two samples are of one sheet if the cosine between their normals is above this (120 degrees).
+/// The two sides of a right-angled crease are one sheet, since fits would otherwise break there.
+/// The two sides of a thin wall are not.
 const ONE_SHEET: f64 = -0.5;
 
 /// Points in buckets as large as the reach of a fit.
 pub struct Fit {
     samples: Vec<Sample>,
-    /// Per sample the bucket that it is in, ascending.
+    /// The bucket of each sample, ascending.
     keys: Vec<u64>,
     buckets: Grid,
     reach: f64,
 }
 
 impl Fit {
-    /// Of samples, the fit around a place taking in those within `reach`.
+    /// Prepares samples. A fit around a position uses those within `reach`.
     pub fn new(samples: &[Sample], low: DVec3, reach: f64) -> Self {
         let buckets = Grid::new(low, reach);
         let mut keyed: Vec<(u64, usize)> =
@@ -35,7 +36,7 @@ impl Fit {
         Self { samples, keys, buckets, reach }
     }
 
-    /// The samples of the buckets around a place.
+    /// The samples of the buckets around a position.
     fn around(&self, place: DVec3) -> impl Iterator<Item = &Sample> {
         let columns: [u64; 9] = std::array::from_fn(|k| {
             let [x, y] = [k / COLUMN, k % COLUMN].map(|step| step as f64 - 1.0);
@@ -48,14 +49,15 @@ impl Fit {
         })
     }
 
-    /// The signed distance, positive outside, to the algebraic sphere through the samples around a
-    /// place (Guennebaud and Gross, *Algebraic point set surfaces*, SIGGRAPH 2007; fitted to places
-    /// and normals in closed form as in Guennebaud, Germann and Gross, *Dynamic sampling and rendering
-    /// of algebraic point set surfaces*, Eurographics 2008, eqs. 4 to 6). Weights are
-    /// `(1 - (r / reach)^2)^4`.
+    /// The signed distance, positive outside, to the algebraic sphere that fits the samples around
+    /// a position (Guennebaud and Gross, *Algebraic point set surfaces*, SIGGRAPH 2007). The fit to
+    /// positions and normals is in closed form, as in Guennebaud, Germann and Gross, *Dynamic
+    /// sampling and rendering of algebraic point set surfaces*, Eurographics 2008, eqs. 4 to 6.
+    /// Weights are `(1 - (r / reach)^2)^4`.
     ///
-    /// Samples that look another way than the nearest one ([`ONE_SHEET`]) are left out: they are of another
-    /// sheet, such as a thin wall's other side. No number where no sample is within reach.
+    /// Samples whose normals differ too much from that of the nearest sample ([`ONE_SHEET`]) are
+    /// left out: they are of another sheet, such as the other side of a thin wall. NaN if no sample
+    /// is within reach.
     pub fn distance(&self, place: DVec3) -> f64 {
         let squared_reach = squared(self.reach);
         let near = || {
@@ -79,7 +81,7 @@ impl Fit {
         if w <= 0.0 {
             return UNKNOWN;
         }
-        // The sphere `c + l . x + q |x|^2 = 0`, x from the place.
+        // The sphere `c + l . x + q |x|^2 = 0`, with x relative to `place`.
         let spread = wpp - wp.length_squared() / w;
         let q = if spread > 1e-12 * squared_reach * w {
             0.5 * (wpn - wp.dot(wn) / w) / spread

@@ -1,4 +1,4 @@
-//! A new surface through points measured on the old one, as a scanner gives them.
+//! A new surface reconstructed from points that are sampled on the old one, as by a scanner.
 
 mod fit;
 mod parts;
@@ -12,19 +12,19 @@ use crate::mesh::Mesh;
 use crate::mesh::surface::{Surface, doubled_area};
 use fit::Fit;
 
-/// How the surface is measured, and how finely it is made anew.
+/// How the surface is sampled, and how finely it is reconstructed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scanning {
-    /// How many points.
+    /// Number of points.
     pub points: usize,
-    /// Standard deviation of each of their coordinates, as a share of the diagonal.
+    /// Standard deviation of the noise on each of their coordinates, as a share of the diagonal.
     pub noise: f64,
     /// Cells of the grid along the diagonal.
     pub cells: f64,
 }
 
 impl Scanning {
-    /// 100,000 points and 256 cells (an octree of depth 8, Poisson reconstruction's usual one), with
+    /// 100,000 points and 256 cells (an octree of depth 8, usual for Poisson reconstruction), with
     /// noise of this share of the diagonal.
     #[must_use]
     pub fn with_noise(noise: f64) -> Self {
@@ -32,34 +32,35 @@ impl Scanning {
     }
 }
 
-/// Points within so many mean distances between points are fitted together: some fifty points.
+/// Reach of a fit, in mean distances between points. It takes in about fifty points.
 const REACH: f64 = 4.0;
-/// And at least within so many cells: the corners of a cell that is passed are up to 1.7 away.
+/// Least reach of a fit, in cells. The corners of a cell that the surface passes are up to 1.7
+/// cells away.
 const LEAST_REACH: f64 = 2.0;
 
-/// How far the values of two neighbouring corners may stand apart, in cells. Fits differ between the
-/// two; distances to one surface would differ by at most 1.
+/// Largest difference between the values of two neighbouring corners of opposite sign, in cells.
+/// Each corner has its own fit; distances to one surface would differ by at most 1.
 const SLACK: f64 = 2.0;
 
-/// Parts with less than this share of the triangles are taken for noise, as who makes a surface of a scan
-/// does: between near sheets the fits leave crumbs.
+/// Connected components with less than this share of the triangles are removed as noise, as is
+/// usual in reconstruction from scans: between close sheets the fits leave small pieces.
 const LEAST_PART: f64 = 1e-3;
 
-/// A measured point, and the outward normal that it was measured with.
+/// A sampled point with its outward normal.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample {
-    /// Where it was measured.
+    /// Its position, with noise.
     pub place: DVec3,
     /// Outward, of length 1.
     pub normal: DVec3,
 }
 
 /// Draws points uniformly over the surface, with the normals of their triangles, moves them by
-/// Gaussian noise, and makes a surface of the points alone: marching cubes of the signed distance to
-/// the algebraic sphere that is fitted around each corner of a grid (`fit`). Of the old mesh nothing
-/// stays but where its surface was, to within the noise.
+/// Gaussian noise, and reconstructs a surface from the points alone. It uses marching cubes of the
+/// signed distance to the algebraic sphere that is fitted around each corner of a grid (`fit`).
+/// Nothing of the old mesh remains but the location of its surface, to within the noise.
 ///
-/// Where sheets are nearer to each other than some cells the new surface may have holes, as scans
+/// Where sheets are closer to each other than a few cells, the new surface may have holes, as scans
 /// have.
 ///
 /// # Errors

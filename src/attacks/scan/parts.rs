@@ -1,10 +1,10 @@
-//! The parts that a surface falls into.
+//! The connected components of a surface.
 
 use super::super::{AttackError, compacted};
 use crate::mesh::Mesh;
 
-/// The mesh without parts (triangles that are joined by common vertices) of less than `share` of all
-/// triangles.
+/// The mesh without connected components of less than `share` of all triangles. Triangles with a
+/// common vertex are connected.
 pub fn without_crumbs(mesh: &Mesh, share: f64) -> Result<Mesh, AttackError> {
     let mut parent: Vec<usize> = (0..mesh.positions().len()).collect();
     for triangle in mesh.triangles() {
@@ -26,7 +26,7 @@ pub fn without_crumbs(mesh: &Mesh, share: f64) -> Result<Mesh, AttackError> {
     compacted(mesh.positions(), kept.collect())
 }
 
-/// The vertex that stands for a vertex's part; paths are halved on the way.
+/// The vertex that represents a vertex's component. Paths are halved on the way (union-find).
 fn root(parent: &mut [usize], mut vertex: usize) -> usize {
     while parent[vertex] != vertex {
         parent[vertex] = parent[parent[vertex]];

@@ -34,7 +34,7 @@ pub fn butterfly(target: &Target<'_>) -> Result<Mesh, AttackError> {
     in_four(surface, edges, surface.positions.clone(), new)
 }
 
-/// Per vertex its two neighbours along the border, where there are just two.
+/// For each vertex, its neighbours along borders.
 fn border_neighbours(surface: &Surface, edges: &Edges) -> Vec<Vec<u32>> {
     let mut neighbours = vec![Vec::new(); surface.positions.len()];
     for [a, b] in edges.borders() {
@@ -90,14 +90,14 @@ impl Scheme<'_> {
         }
     }
 
-    /// What the end `v` of the edge to `to` says about the new vertex.
+    /// What the end `v` of the edge from `v` to `to` contributes to the new vertex.
     fn seen_from(&self, v: u32, to: u32, ring: &mut Vec<u32>) -> End {
         if !self.ring(v, to, ring) {
             return End::Cut;
         }
         let k = ring.len();
         if k == 6 {
-            // The wings on this side are two steps from `to`, both ways round.
+            // The wings on this side are two steps from `to`, in both directions.
             return End::Regular(self.at(ring[2]) + self.at(ring[4]));
         }
         let mut place = 0.75 * self.at(v);
@@ -107,7 +107,8 @@ impl Scheme<'_> {
         End::Irregular(place)
     }
 
-    /// The neighbours of `v` in turn, from `start`; `false` when they do not close around it.
+    /// Writes the neighbours of `v` to `ring` in cyclic order from `start`. Returns `false` if they
+    /// do not form a closed cycle.
     fn ring(&self, v: u32, start: u32, ring: &mut Vec<u32>) -> bool {
         let around = self.around.around(v as usize);
         let after = |from: u32| {
@@ -126,7 +127,7 @@ impl Scheme<'_> {
                 None => return false,
             }
         }
-        // Two fans that touch in `v` come round too early.
+        // Where two fans touch in `v`, the cycle closes too early.
         next == start && !ring.iter().skip(1).any(|&neighbour| neighbour == start)
     }
 }
@@ -135,13 +136,13 @@ impl Scheme<'_> {
 enum End {
     /// Six neighbours: the sum of the two wings on its side.
     Regular(DVec3),
-    /// Another number: the new vertex by its own stencil.
+    /// Another number of neighbours: the new vertex by the stencil of this end.
     Irregular(DVec3),
-    /// Neighbours that do not close around it.
+    /// The neighbours do not form a closed cycle.
     Cut,
 }
 
-/// Weight of neighbour j of k, from the one at the edge's other end (Zorin et al. 1996).
+/// Weight of neighbour j of k, counted from the other end of the edge (Zorin et al. 1996).
 fn weight(j: usize, k: usize) -> f64 {
     match (k, j) {
         (3, 0) => 5.0 / 12.0,

@@ -1,7 +1,7 @@
 //! Subdivision schemes, one step each: more triangles over the same or a smoother surface.
 //!
 //! D. Zorin and P. Schröder, *Subdivision for modeling and animation*, SIGGRAPH course notes 2000
-//! (the paper's reference 23), describe all but the last.
+//! (the paper's reference 23), describe all but sqrt(3).
 
 mod butterfly;
 mod sqrt3;
@@ -18,7 +18,8 @@ use crate::mesh::surface::Surface;
 pub use butterfly::butterfly;
 pub use sqrt3::sqrt3;
 
-/// Each triangle in four, new vertices in the middles of the edges. The surface stays as it is.
+/// Cuts each triangle into four, with new vertices at the midpoints of the edges. The surface does
+/// not change.
 ///
 /// # Errors
 /// [`AttackError::NoSurface`], or [`AttackError::Mesh`] when the result is too large.
@@ -29,9 +30,10 @@ pub fn midpoint(target: &Target<'_>) -> Result<Mesh, AttackError> {
     in_four(surface, edges, old, new)
 }
 
-/// Loop's scheme (C. Loop, *Smooth subdivision surfaces based on triangles*, 1987): as
-/// [`midpoint`], then new vertices at 3/8 of the ends and 1/8 of the corners beside, old ones drawn
-/// to their neighbours by Loop's beta; borders by the cubic spline.
+/// Loop's scheme (C. Loop, *Smooth subdivision surfaces based on triangles*, 1987). Triangles are
+/// cut as in [`midpoint`]. New vertices have weights of 3/8 for the ends of their edge and 1/8 for
+/// the opposite corners. Old vertices move towards their neighbours by Loop's beta. Borders follow
+/// the cubic spline.
 ///
 /// # Errors
 /// As [`midpoint`].
@@ -53,7 +55,7 @@ pub fn loop_scheme(target: &Target<'_>) -> Result<Mesh, AttackError> {
     in_four(surface, edges, old, new)
 }
 
-/// What a vertex sees along its edges.
+/// Sum and number of a vertex's neighbours.
 #[derive(Clone, Copy, Default)]
 struct Ring {
     sum: DVec3,
@@ -67,7 +69,8 @@ impl Ring {
     }
 }
 
-/// Per vertex, its neighbours over edges of two triangles and over others (borders).
+/// For each vertex, its neighbours over edges of two triangles, and those over other edges
+/// (borders).
 fn rings(surface: &Surface, edges: &Edges) -> Vec<[Ring; 2]> {
     let mut rings = vec![[Ring::default(); 2]; surface.positions.len()];
     for (&[a, b], &count) in edges.ends.iter().zip(&edges.count) {
@@ -88,7 +91,7 @@ fn loop_vertices(surface: &Surface, edges: &Edges) -> Vec<DVec3> {
             (1.0 - n * beta) * v + beta * inner.sum
         }
         2 => 0.75 * v + 0.125 * border.sum,
-        // A corner of several borders, or of a sheet with more than two triangles at an edge.
+        // A corner of several borders, or a vertex on an edge with more than two triangles.
         _ => v,
     };
     surface.positions.iter().zip(&rings(surface, edges)).map(place).collect()
@@ -99,7 +102,7 @@ fn middle(surface: &Surface, ends: [u32; 2]) -> DVec3 {
     a.midpoint(b)
 }
 
-/// Each triangle in four over `old` vertices and `new` ones, one per edge.
+/// Cuts each triangle into four. The vertices are `old`, then `new`, one per edge.
 fn in_four(
     surface: &Surface,
     edges: &Edges,

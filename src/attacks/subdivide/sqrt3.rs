@@ -8,9 +8,10 @@ use super::super::{AttackError, Target, index};
 use super::{Ring, rings};
 use crate::mesh::Mesh;
 
-/// A new vertex in the middle of each triangle, old edges flipped, old vertices smoothed: three
-/// times as many triangles, none of whose edges is an old one (L. Kobbelt, *sqrt(3)-subdivision*,
-/// SIGGRAPH 2000). Borders stay as they are, as in the first of Kobbelt's double steps.
+/// Inserts a vertex in the middle of each triangle, flips the old edges and smooths the old
+/// vertices. There are three times as many triangles, and no old edge remains (L. Kobbelt,
+/// *sqrt(3)-subdivision*, SIGGRAPH 2000). Borders stay as they are, as in the first of Kobbelt's
+/// double steps.
 ///
 /// # Errors
 /// As [`midpoint`](super::midpoint).

@@ -1,7 +1,8 @@
 //! The protocol of the LIRIS benchmark: K. Wang, G. Lavoué, F. Denis, A. Baskurt and X. He, *A
 //! benchmark for 3D mesh watermarking*, SMI 2010.
 //!
-//! Marks are as strong as a budget of distortion allows; attacks in the order of its tables.
+//! Marks are as strong as a distortion budget allows. Attacks are in the order of the benchmark's
+//! tables.
 
 use super::{Choices, Experiment, or, settings};
 use crate::attacks::Attack;

@@ -1,4 +1,4 @@
-//! Which marks are made and which attacks they meet: grids as data.
+//! Grids as data: which marks are made and which attacks are applied to them.
 
 mod blind;
 mod liris;
@@ -19,34 +19,34 @@ pub use liris::{GEOMETRIC_BUDGET, PERCEPTUAL_BUDGET};
 pub struct Setting {
     /// Modulation and placement.
     pub method: Method,
-    /// How strong it is, or with a budget may be at most.
+    /// The strength; with a budget, the largest allowed strength.
     pub strength: Strength,
-    /// How many bits.
+    /// Number of bits.
     pub bits: BitCount,
-    /// Repeated until a blind reader reads all, as the service does; otherwise the paper's single
-    /// pass.
+    /// Whether embedding is repeated until a blind reader reads all bits, as in the service.
+    /// Otherwise it is the paper's single pass.
     pub closed_loop: bool,
-    /// Largest MRMS as a share of the diagonal: the mark is as strong as that allows.
+    /// Largest MRMS as a share of the diagonal. The mark is as strong as this budget allows.
     pub budget: Option<f64>,
-    /// Which layers it has. One with a relief is read against the host, too.
+    /// Its layers. A mark with a relief is also read against the host.
     pub layers: Layers,
 }
 
-/// Marks that meet the same attacks.
+/// Marks that undergo the same attacks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiment {
-    /// What it is for, as rows name it.
+    /// Its name in rows.
     pub name: &'static str,
     /// The marks.
     pub settings: Vec<Setting>,
-    /// What each mark meets.
+    /// The attacks on each mark.
     pub attacks: Vec<Attack>,
     /// Whether only the first mesh takes part, as the bunny alone does in some of the paper's
     /// figures.
     pub first_mesh_only: bool,
 }
 
-/// What a caller wants otherwise than the grid has it. Empty lists leave it to the grid.
+/// A caller's choices, which replace those of the grid. An empty list keeps the grid's.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Choices {
     /// Methods.
@@ -97,7 +97,7 @@ impl Grid {
         }
     }
 
-    /// Trials per mark where the caller names no number: as many as the source made.
+    /// Default number of trials per mark. The first two are those of the source.
     #[must_use]
     pub fn trials(self) -> usize {
         match self {
@@ -141,12 +141,12 @@ fn settings(choices: &Choices, closed_loop: bool, budget: Option<f64>) -> Vec<Se
     all
 }
 
-/// The strengths of a list, those out of range left out.
+/// The strengths of a list, without those out of range.
 fn strengths(list: &[f64]) -> Vec<Strength> {
     list.iter().filter_map(|&alpha| Strength::new(alpha).ok()).collect()
 }
 
-/// The numbers of bits of a list, those out of range left out.
+/// The numbers of bits of a list, without those out of range.
 fn bit_counts(list: &[u32]) -> Vec<BitCount> {
     list.iter().filter_map(|&bits| BitCount::new(bits).ok()).collect()
 }
@@ -171,7 +171,7 @@ mod tests {
         assert!("papers".parse::<Grid>().is_err());
     }
 
-    /// Whatever the service's default is.
+    /// Independent of the service's default.
     #[test]
     fn the_paper_marks_with_its_own_strength() {
         for experiment in Grid::Paper.experiments(&Choices::default()) {

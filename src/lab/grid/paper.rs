@@ -1,9 +1,9 @@
 //! The experiments of Luo and Bors 2009, section 5, on the paper's axes.
 //!
-//! The figures' curves are not in the text that this was made from: axes are as the text gives
-//! them (noise 0.1 to 1 %, lambda 0.5 with 1 to 20 iterations, simplification 5 to 95 %, remeshing
-//! 100 to 20 %), and where it gives none (bits of quantisation, strengths and sizes of figures 10
-//! and 11), ranges around the values that it does name.
+//! The curves of the figures are not in the text that this grid was made from. Axes are as the text
+//! gives them: noise 0.1 to 1 %, lambda 0.5 with 1 to 20 iterations, simplification 5 to 95 %,
+//! remeshing 100 to 20 %. Where the text gives none (bits of quantisation, strengths and sizes of
+//! figures 10 and 11), they are ranges around the values that it names.
 
 use super::{Choices, Experiment, bit_counts, or, settings, strengths};
 use crate::attacks::Attack;
@@ -32,8 +32,9 @@ fn attacks() -> Vec<Attack> {
     all
 }
 
-/// Distortion is that of the paper's single pass; robustness that of the closed loop, whose marks
-/// begin without a wrong bit (the single pass misreads some of its own).
+/// Distortion is measured on marks of the paper's single pass. Robustness is measured on marks of
+/// the closed loop, which have no wrong bit before the attack. After a single pass, some bits are
+/// misread.
 pub fn experiments(choices: &Choices) -> Vec<Experiment> {
     let methods = or(&choices.methods, &METHODS);
     let usual = Choices {

@@ -1,5 +1,6 @@
-//! A few of everything, marked and read as the service does it by default: within a limit of distortion,
-//! with a relief that is read against the host, and the blind reader beside it.
+//! Attacks of most families, with few strengths each. Meshes are marked and read as the service
+//! does it by default: within a distortion limit, with a relief that is read against the host, and
+//! with a blind reading beside it.
 
 use super::{Choices, Experiment, Setting, or, settings};
 use crate::attacks::Attack;
@@ -7,8 +8,8 @@ use crate::attacks::crop::Of;
 use crate::marking::{Layers, MaxDistortion};
 use crate::watermark::{BitCount, Method, Strength};
 
-/// At least one of each family, mostly where marks begin to fail; of families that have a strength,
-/// mostly three.
+/// Most families, mostly at strengths where marks begin to fail. Families with a strength mostly
+/// have three.
 const ATTACKS: [Attack; 40] = [
     Attack::None,
     Attack::Similarity,

@@ -1,6 +1,6 @@
-//! Mean curvature from the edges within a ball (D. Cohen-Steiner and J.-M. Morvan, *Restricted
-//! Delaunay triangulations and normal cycle*, Symposium on Computational Geometry 2003), those of
-//! them that lead away from its centre.
+//! Mean curvature from the edges within a ball that lead away from its centre (D. Cohen-Steiner and
+//! J.-M. Morvan, *Restricted Delaunay triangulations and normal cycle*, Symposium on Computational
+//! Geometry 2003).
 
 use std::f64::consts::{PI, TAU};
 
@@ -13,17 +13,19 @@ use crate::mesh::surface::{Surface, doubled_area};
 /// A surface with its edges around each vertex.
 pub struct Shape<'a> {
     pub surface: &'a Surface,
-    /// Per vertex, its neighbours and the signed angle at the edge between (0 at borders).
+    /// For each vertex, where its entries in `spokes` begin. There is one entry per neighbour, with
+    /// the signed angle at the edge between (0 at borders).
     starts: Vec<usize>,
     spokes: Vec<Spoke>,
 }
 
-/// An edge as seen from one end.
+/// An edge, from one of its ends.
 #[derive(Debug, Clone, Copy)]
 pub struct Spoke {
     /// The other end.
     pub to: u32,
-    /// Arc sine of the angle between the triangles' normals, positive where the edge is convex.
+    /// Angle between the triangles' normals as the arc sine of its sine, positive if the edge is
+    /// convex.
     pub angle: f64,
 }
 
@@ -65,9 +67,9 @@ impl<'a> Shape<'a> {
     }
 }
 
-/// The angle that the normal turns by from the first side's triangle to the second's, about the
-/// edge as the first runs along it. By its sine alone, as the published program has it: past a right
-/// angle it falls again.
+/// The angle by which the normal turns from the first side's triangle to the second's, about the
+/// edge in the direction of the first side. It follows from its sine alone, as in the published
+/// program: beyond a right angle it decreases again.
 fn signed_angle(surface: &Surface, sides: [usize; 2]) -> f64 {
     let at = |v: u32| surface.positions[v as usize];
     let normal = |side: usize| {
@@ -81,7 +83,7 @@ fn signed_angle(surface: &Surface, sides: [usize; 2]) -> f64 {
     libm::asin(n.cross(m).dot(along).clamp(-1.0, 1.0))
 }
 
-/// Per vertex, half the sum of the sizes of the principal curvatures, one over a length.
+/// For each vertex, half the sum of the absolute principal curvatures, in units of 1 / length.
 pub fn mean_curvatures(shape: &Shape<'_>, radius: f64) -> Vec<f64> {
     (0..shape.surface.positions.len())
         .into_par_iter()
@@ -90,14 +92,14 @@ pub fn mean_curvatures(shape: &Shape<'_>, radius: f64) -> Vec<f64> {
             let tensor = tensor(shape, vertex, radius, inside);
             let mut sizes = eigenvalues(&tensor).map(f64::abs);
             sizes.sort_unstable_by(f64::total_cmp);
-            // The smallest belongs to the normal.
+            // The smallest eigenvalue belongs to the normal.
             f64::midpoint(sizes[1], sizes[2])
         })
         .collect()
 }
 
-/// The sum over edges of angle, length within the ball and direction twice, over the ball's cut of
-/// a plane.
+/// The sum over edges of the angle, times the length within the ball, times the outer product of
+/// the direction with itself, divided by the area of a disc of the ball's radius.
 fn tensor(shape: &Shape<'_>, vertex: usize, radius: f64, inside: &mut Inside) -> DMat3 {
     let at = |v: u32| shape.surface.positions[v as usize];
     let mut sum = DMat3::ZERO;
@@ -112,12 +114,12 @@ fn tensor(shape: &Shape<'_>, vertex: usize, radius: f64, inside: &mut Inside) ->
     sum * (1.0 / (PI * radius * radius))
 }
 
-/// The vertices inside a ball. Kept from ball to ball, for its memory.
+/// The vertices inside a ball. It is reused from ball to ball, to save allocations.
 #[derive(Debug, Default)]
 pub struct Inside {
-    /// In the order in which they were met.
+    /// In the order in which they were visited.
     pub list: Vec<u32>,
-    /// Per vertex, the number of the last ball that it was in.
+    /// For each vertex, the number of the last ball that contained it.
     balls: Vec<u32>,
     ball: u32,
 }
@@ -147,11 +149,11 @@ impl Inside {
 
 /// Visits, from `vertex` outward, the edges that begin in the ball around it and lead away from its
 /// centre: `visit(start, edge, share of the edge inside)`. The vertices that are reached within the
-/// ball are left in `inside`.
+/// ball are written to `inside`.
 ///
-/// An edge that passes the centre, its nearest point in its middle, is not met from either end. The
-/// definition would have it; the published program leaves it out, and so do the values that are
-/// published.
+/// An edge whose point nearest to the centre lies between its ends is visited from neither end. The
+/// definition includes such edges. The published program leaves them out, and so do the published
+/// values.
 pub fn walk(
     shape: &Shape<'_>,
     vertex: usize,
@@ -180,7 +182,8 @@ pub fn walk(
     }
 }
 
-/// The part of `edge`, from `start` relative to the centre of a ball, that lies inside; 1 when all.
+/// The share of `edge` that lies inside a ball; 1 if all of it does. `start` is relative to the
+/// ball's centre.
 fn share_inside(start: DVec3, edge: DVec3, radius: f64) -> f64 {
     let a = edge.length_squared();
     let b = edge.dot(start);
@@ -224,7 +227,7 @@ mod tests {
         let triangles = cells
             .flat_map(|(i, j)| {
                 let [a, b, c, d] = [v(i, j), v(i + 1, j), v(i + 1, j + 1), v(i, j + 1)];
-                // Diagonals in turn, so that no direction is favoured.
+                // Alternating diagonals, so that no direction is favoured.
                 if (i + j) % 2 == 0 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
             })
             .collect();
@@ -233,7 +236,8 @@ mod tests {
 
     #[test]
     fn spheres_and_cylinders_have_their_curvature() {
-        // Fine beside the ball: edges that pass its centre are left out, the fewer the shorter.
+        // The mesh is fine compared with the ball. Edges that pass its centre are left out; the
+        // shorter the edges, the fewer they are.
         let sphere = grid(320, 160, |u, v| {
             let (a, b) = (TAU * u, PI * (0.1 + 0.8 * v));
             2.0 * DVec3::new(a.cos() * b.sin(), a.sin() * b.sin(), b.cos())

@@ -1,21 +1,22 @@
 //! How visible a change of a surface is: MSDM2 (G. Lavoué, *A multiscale metric for 3D mesh visual
 //! quality assessment*, Computer Graphics Forum 30(5), 2011).
 //!
-//! Mean curvatures of the two surfaces are compared window by window as pictures are by SSIM: by
-//! their mean, their deviation, and what they have in common, so that a change is worse on a smooth
-//! part than on a rough one, which masks it. 0 is no difference; values towards 1 are gross. The
-//! parameters are those of the author's implementation (MEPP2): three scales, curvature from balls
-//! of 0.2, 0.3 and 0.4 % of the longest side, windows five times as wide, powers pooled by 3.
+//! Mean curvatures of the two surfaces are compared window by window, as images are by SSIM: by
+//! their means, deviations and covariance. So a change counts more on a smooth part than on a rough
+//! one, which masks it. 0 is no difference; values towards 1 are gross differences. The parameters
+//! are those of the author's implementation (MEPP2): three scales, curvature from balls of 0.2, 0.3
+//! and 0.4 % of the longest side, windows five times as wide, and pooling with the exponent 3.
 //!
-//! Where that implementation departs from the definition, it is followed, so that values can be held
-//! against published ones: edges of a ball that pass its centre are left out, angles between
-//! triangles are known by their sines, curvatures of a matched triangle are weighed by areas seen from
-//! the vertex instead of its foot, and what windows have in common is weighed by one surface and
-//! divided by the weights of the other.
+//! Where that implementation departs from the definition, this module follows the implementation,
+//! so that values compare with published ones. Edges of a ball that pass its centre are left out.
+//! Angles between triangles follow from their sines. Curvatures of a matched triangle are weighted
+//! by areas from the vertex instead of from its foot point. The covariance of a window is weighted
+//! by one surface and divided by the weights of the other.
 //!
-//! Checked against closed forms (curvature of spheres and cylinders), against the published behaviour
-//! (masking, order of strengths), and by `benches/metro/msdm2.py` against a literal implementation in
-//! another language, which in its turn gives the map that the author's program is published with.
+//! The module is checked against closed forms (curvature of spheres and cylinders), against
+//! published behaviour (masking, order of strengths), and by `benches/metro/msdm2.py` against a
+//! literal implementation in another language. That implementation reproduces the map that the
+//! author's program is published with.
 
 mod curvature;
 mod window;
@@ -38,10 +39,10 @@ const WINDOW: f64 = 5.0;
 /// Exponent of the pooling.
 const POWER: f64 = 3.0;
 
-/// Weight of the third term; the others have 1.
+/// Weight of the structure term. The other two terms have weight 1.
 const STRUCTURE: f64 = 0.5;
 
-/// Windows that are looked at, at most: every k-th vertex stands for all.
+/// Largest number of windows. On larger meshes every k-th vertex stands for all.
 const WINDOWS: usize = 50_000;
 
 /// MSDM2 between two surfaces, the mean of both directions. `None` when one has no triangle.
@@ -66,7 +67,7 @@ fn one_sided(a: &Shape<'_>, b: &Shape<'_>) -> Option<f64> {
     let places = &a.surface.positions;
     let feet: Vec<Footpoint> =
         places.par_iter().with_min_len(1024).map(|&p| target.footpoint(p)).collect();
-    // Sizes are relative to the surface that is looked at.
+    // Lengths are relative to the surface whose windows are compared.
     let side = a.longest_side();
     let stride = places.len().div_ceil(WINDOWS).max(1);
     let mut local = vec![0.0; places.len().div_ceil(stride)];
@@ -94,16 +95,16 @@ fn one_sided(a: &Shape<'_>, b: &Shape<'_>) -> Option<f64> {
     Some(libm::pow(powers / local.len() as f64, 1.0 / POWER))
 }
 
-/// The other surface, as its points are matched.
+/// The other surface, for the curvature at matched points.
 struct Shown<'a> {
     surface: &'a Surface,
     around: Adjacency,
 }
 
 impl Shown<'_> {
-    /// The curvature that a point is matched with, from those of the vertices. Where the closest
-    /// point is on a side or a corner, the program takes the triangle that its search meets first;
-    /// here it is the mean of all that share it.
+    /// The curvature at the match of a point, from the curvatures at the vertices. If the closest
+    /// point is on a side or a corner, the published program takes the triangle that its search
+    /// finds first. Here it is the mean over all triangles that share the side or corner.
     fn curvature(&self, point: DVec3, foot: &Footpoint, of_vertices: &[f64]) -> f64 {
         let of = |triangle: u32| {
             let corners = self.surface.triangles[triangle as usize];
@@ -122,8 +123,9 @@ impl Shown<'_> {
     }
 }
 
-/// What the corners of the triangle that a point is matched with count for: the areas that the point
-/// spans with the two others. Barycentric coordinates, if the point lies on the triangle.
+/// Weights of the corners of the triangle that a point is matched with: the areas that the point
+/// spans with the two other corners. They are barycentric coordinates if the point lies on the
+/// triangle.
 fn weights(point: DVec3, corners: [DVec3; 3]) -> [f64; 3] {
     let [a, b, c] = corners;
     let areas = [(b, c), (c, a), (a, b)].map(|(p, q)| doubled_area(point, p, q).length());
@@ -206,7 +208,7 @@ mod tests {
         let seen = between(&smooth, &changed(&smooth));
         let masked = between(&rough, &changed(&rough));
         assert!(masked < 0.8 * seen, "{masked} against {seen}");
-        // Smoothing a rough surface shows.
+        // Smoothing a rough surface is visible.
         let smoothed = smooth::laplacian(&Target::new(&rough), 0.5, 5).unwrap();
         assert!(between(&rough, &smoothed) > masked);
     }

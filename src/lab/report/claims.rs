@@ -1,5 +1,5 @@
-//! What the paper's text says of its figures, beside what was measured. (The curves themselves are
-//! not in the text.)
+//! What the paper's text says about its figures, beside what was measured. The curves themselves
+//! are not in the text.
 
 use super::paper;
 use super::reasons::{self, ALIKE, Bounds};
@@ -27,7 +27,7 @@ impl Marks {
     }
 }
 
-/// A comparison that the text makes: the first marks do better than the second, or alike.
+/// A comparison that the text makes: the first marks do better than the second, or equally well.
 struct Comparison {
     family: &'static str,
     text: &'static str,
@@ -88,13 +88,14 @@ const COMPARISONS: [Comparison; 7] = [
     },
 ];
 
-/// A level that the text gives: at this amount (or none), every method is at least so good.
+/// A level that the text gives: every method reaches at least `least` at this amount, or at any if
+/// there is none.
 struct Level {
     family: &'static str,
     amount: Option<f64>,
     least: f64,
     text: &'static str,
-    /// Beginnings of the names of the meshes that it says so of; empty for all.
+    /// Prefixes of the names of the meshes that the text speaks of; empty for all.
     meshes: &'static [&'static str],
 }
 
@@ -129,7 +130,7 @@ const LEVELS: [Level; 4] = [
     },
 ];
 
-/// The table of the text's claims. `None` when none of them can be looked at.
+/// The table of the text's claims. `None` if none of them can be checked.
 pub fn claims(groups: &[Group]) -> Option<Table> {
     let own: Vec<&Group> =
         groups.iter().filter(|g| g.experiment.contains("figures 5-9") && g.trials > 0).collect();
@@ -188,7 +189,7 @@ fn reached(mesh: &str, groups: &[&Group], level: &Level) -> Option<Vec<Cell>> {
     };
     let worst =
         groups.iter().filter(at).min_by(|a, b| a.detection_ratio.total_cmp(&b.detection_ratio))?;
-    // All bits are all bits, whatever a sum of fifty ones divided by fifty comes to.
+    // The tolerance is for rounding: a mean of ones may be slightly below 1.
     let fits = worst.detection_ratio >= level.least - 1e-12;
     let ours = if worst.detection_ratio > 1.0 - 1e-12 {
         "all of them 1".to_owned()

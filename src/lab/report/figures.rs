@@ -27,7 +27,7 @@ pub fn figures(grid: Grid, groups: &[Group]) -> Vec<Figure> {
         for mesh in distinct(own.iter().map(|g| g.mesh.as_str())) {
             let own: Vec<&Group> = own.iter().copied().filter(|g| g.mesh == mesh).collect();
             all.extend(sweeps(grid, mesh, &own));
-            // Where sizes differ, one figure per method; where they do not, one for all.
+            // If numbers of bits differ, one figure per method, else one for all methods.
             let by_method = distinct(own.iter().map(|g| g.bits)).len() > 1;
             let parts: Vec<Vec<&Group>> = if by_method {
                 let methods = distinct(own.iter().map(|g| g.method.as_str())).into_iter();
@@ -44,7 +44,7 @@ pub fn figures(grid: Grid, groups: &[Group]) -> Vec<Figure> {
     all
 }
 
-/// Numbers the names that hosts with different names come to share as files.
+/// Appends numbers to file names that hosts with different names share.
 fn told_apart(figures: &mut [Figure]) {
     let mut known = BTreeSet::new();
     for figure in figures {
@@ -139,7 +139,7 @@ fn robustness(grid: Grid, mesh: &str, groups: &[&Group], by_method: bool) -> Vec
     all
 }
 
-/// Distortion over strength or over bits, where there are three of either.
+/// Distortion over strength or over bits, if there are three of either.
 fn sweeps(grid: Grid, mesh: &str, groups: &[&Group]) -> Vec<Figure> {
     let own: Vec<&Group> =
         groups.iter().copied().filter(|g| g.family == "none" && g.trials > 0).collect();
@@ -203,9 +203,8 @@ fn beside_the_host(blind: Vec<Series>, groups: &[&Group]) -> Vec<Series> {
     with_host.chain(blind.into_iter().map(|curve| named(curve, "blind", true))).collect()
 }
 
-/// A method has its colour in all figures.
+/// A method has the same colour in all figures.
 fn colour(method: &str, otherwise: usize) -> usize {
-    // Paired by placement; mean and variance differ by the line.
     Method::ALL.iter().position(|m| m.name() == method).unwrap_or(otherwise)
 }
 

@@ -1,5 +1,5 @@
-//! What a run found, as one self-contained page: tables, plots and renderings, nothing loaded from
-//! elsewhere.
+//! The results of a run as one self-contained page with tables, plots and renderings. Nothing is
+//! loaded from elsewhere.
 //!
 //! Must not decide what is run nor write files.
 
@@ -26,12 +26,12 @@ pub use picture::{Gallery, Picture, galleries};
 pub use plot::Plot;
 pub use table::Table;
 
-/// All that a page tells of.
+/// The content of a page.
 #[derive(Debug, Clone, Copy)]
 pub struct Report<'a> {
     /// The grid that was run.
     pub grid: Grid,
-    /// Trials that were asked for.
+    /// Requested number of trials.
     pub trials: usize,
     /// The seed.
     pub seed: u64,
@@ -45,7 +45,7 @@ pub struct Report<'a> {
     pub galleries: &'a [Gallery],
 }
 
-/// Colours and sizes; light, since the renderings are.
+/// Colours and sizes. The page is light because the renderings are.
 const STYLE: &str = "body{font:15px/1.45 sans-serif;color:#222;background:#fff;max-width:1500px;\
     margin:2em auto;padding:0 1em}h1{font-size:1.5em}h2{margin-top:2em;border-bottom:1px solid \
     #ccc}table{border-collapse:collapse;font-size:13px}td,th{border:1px solid #ccc;padding:3px \
@@ -56,7 +56,7 @@ const STYLE: &str = "body{font:15px/1.45 sans-serif;color:#222;background:#fff;m
     border:1px solid #eee}";
 
 impl Report<'_> {
-    /// The figures, each to be kept as a file of its own too.
+    /// The figures. Each is also kept as a file of its own.
     #[must_use]
     pub fn figures(&self) -> Vec<Figure> {
         figures::figures(self.grid, self.groups)

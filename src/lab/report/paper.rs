@@ -1,4 +1,4 @@
-//! What others printed, to stand beside what was measured.
+//! Published results, for comparison with what was measured.
 
 use crate::lab::summary::Group;
 
@@ -14,7 +14,7 @@ const TABLE_1: [(&str, [f64; 4]); 3] = [
 ];
 
 /// Table 2: detection ratios after butterfly, Loop and midpoint subdivision, methods as above. Only
-/// the Loop column has anything but 1.
+/// the Loop column has values other than 1.
 const TABLE_2_LOOP: [(&str, [f64; 4]); 3] = [
     ("bunny", [0.75, 0.73, 0.73, 0.74]),
     ("gear", [1.0, 1.0, 0.99, 1.0]),
@@ -23,7 +23,7 @@ const TABLE_2_LOOP: [(&str, [f64; 4]); 3] = [
 
 const METHODS: [&str; 4] = ["qsp-mean", "qsp-var", "cho-mean", "cho-var"];
 
-/// Whether a mesh, of whose name folders may be a part, is named after one of the paper's.
+/// Whether the last part of a mesh's name, after folders, begins with a name of the paper's meshes.
 #[must_use]
 pub fn is_called(mesh: &str, name: &str) -> bool {
     mesh.rsplit('/').next().is_some_and(|last| last.to_lowercase().starts_with(name))
@@ -35,13 +35,13 @@ fn in_table(table: &[(&str, [f64; 4])], mesh: &str, method: &str) -> Option<f64>
     row.get(column).copied()
 }
 
-/// Vertices of the paper's mesh, for files named after one.
+/// Number of vertices of the paper's mesh, for files named after one.
 #[must_use]
 pub fn vertices(mesh: &str) -> Option<usize> {
     VERTICES.iter().find(|(name, _)| is_called(mesh, name)).map(|(_, count)| *count)
 }
 
-/// Whether marks are made as strong and as long as the paper's of its tables.
+/// Whether marks have the strength and number of bits of the paper's tables.
 fn is_usual(group: &Group) -> bool {
     (group.strength - 0.1).abs() < 1e-9 && group.bits == 64
 }
@@ -58,7 +58,7 @@ pub fn subdivided(group: &Group) -> Option<f64> {
     let row = in_table(&TABLE_2_LOOP, &group.mesh, &group.method).filter(|_| is_usual(group));
     match group.family.as_str() {
         "loop" => row,
-        // All ones.
+        // Columns of ones.
         "butterfly" | "midpoint" => row.map(|_| 1.0),
         _ => None,
     }
@@ -123,7 +123,7 @@ mod tests {
         ] {
             assert_eq!(subdivided(&of(mesh, "qsp-var", family)), expected, "{mesh} {family}");
         }
-        // Other marks than the paper's are not held against them.
+        // Marks unlike the paper's are not compared with it.
         assert_eq!(mrms(&Group { strength: 0.2, ..of("bunny", "cho-var", "none") }), None);
         assert_eq!(subdivided(&Group { bits: 32, ..of("bunny", "qsp-var", "loop") }), None);
         assert_eq!(liris("quantisation", Some(8.0)), Some([0.26, 0.05]));

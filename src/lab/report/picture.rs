@@ -31,7 +31,7 @@ pub struct Gallery {
     pub pictures: Vec<Picture>,
 }
 
-/// Families of attacks of which the strongest is shown.
+/// Families of attacks whose strongest attack is shown.
 const SHOWN: [&str; 8] = [
     "noise",
     "uniform-noise",
@@ -43,16 +43,16 @@ const SHOWN: [&str; 8] = [
     "spikes",
 ];
 
-/// Marks that are shown, each with another method.
+/// Largest number of marks that are shown, each of another method.
 const MOST_MARKS: usize = 6;
 
-/// Share of the vertices whose distances the heat map spans; the rest is as hot as it gets.
+/// Share of the vertices whose distances the heat map spans. The rest has the hottest colour.
 const SPANNED: f64 = 0.995;
 
-/// Colour of a surface at no distance: light grey.
+/// Colour of a surface at distance 0: light grey.
 const COLD: DVec3 = DVec3::new(0.82, 0.82, 0.84);
 
-/// Draws hosts, their marks (of trial 0) and attacks on the first of these.
+/// Draws hosts, their marked meshes of trial 0, and attacks on the first marked mesh.
 #[must_use]
 pub fn galleries(plan: &Plan<'_>, stop: &(dyn Fn() -> bool + Sync)) -> Vec<Gallery> {
     let of = |(number, subject): (usize, &Subject)| gallery(plan, number, subject, stop);
@@ -140,7 +140,7 @@ fn heated(mesh: &Mesh, view: &View, host: &Closest, diagonal: f64, what: &str) -
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "below the length")]
     let place = (SPANNED * sorted.len().saturating_sub(1) as f64) as usize;
     let hottest = sorted.get(place).copied().unwrap_or_default();
-    // Rounding to single precision is no distance to show.
+    // Rounding to single precision is not shown as a distance.
     let hottest = hottest.max(1e-7 * diagonal);
     let colours: Vec<DVec3> = distances.iter().map(|d| heat(d / hottest)).collect();
     Picture {
@@ -162,7 +162,7 @@ fn heat(share: f64) -> DVec3 {
     }
 }
 
-/// Pixels as a PNG in a data URI; empty should the encoder fail, which it has no reason to.
+/// Pixels as a PNG in a data URI; empty if the encoder fails, which is not expected.
 fn uri(pixels: &[u8]) -> String {
     let side = u32::try_from(SIZE / 2).unwrap_or_default();
     let mut file = Vec::new();

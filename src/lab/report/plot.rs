@@ -1,4 +1,4 @@
-//! Line plots as SVG: no script, no font but the reader's own, nothing from elsewhere.
+//! Line plots as SVG, without scripts, fonts or external content.
 
 use std::fmt::Write as _;
 
@@ -20,7 +20,7 @@ pub struct Series {
 pub struct Axis {
     /// What it shows, with the unit.
     pub label: String,
-    /// Where it begins and ends; the beginning may be the larger.
+    /// Start and end; the start may be the larger.
     pub range: (f64, f64),
     /// Values with a tick and a number.
     pub ticks: Vec<f64>,
@@ -29,17 +29,18 @@ pub struct Axis {
 /// A plot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plot {
-    /// Above the plot.
+    /// Title above the plot.
     pub title: String,
-    /// Across.
+    /// Horizontal axis.
     pub x: Axis,
-    /// Up.
+    /// Vertical axis.
     pub y: Axis,
     /// The curves.
     pub series: Vec<Series>,
 }
 
-/// Okabe and Ito's colours, which the colour-blind can tell apart (*Color universal design*, 2008).
+/// Okabe and Ito's colours, which colour-blind readers can distinguish (*Color universal design*,
+/// 2008).
 pub const COLOURS: [&str; 7] =
     ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#555555"];
 
@@ -74,7 +75,7 @@ impl Axis {
     fn share(&self, value: f64) -> f64 {
         let (from, to) = self.range;
         let share = (value - from) / (to - from);
-        // An axis of one value.
+        // The axis has a single value.
         if share.is_finite() { share } else { 0.5 }
     }
 }
@@ -162,7 +163,7 @@ impl Plot {
         for &tick in &self.x.ticks {
             let x = self.x_at(tick);
             let _ = writeln!(svg, "<path d=\"M{x:.1} {bottom}v4\" stroke=\"#222\"/>");
-            // Numbers that would stand on each other are left out.
+            // Numbers that would overlap are left out.
             if (x - last).abs() > 24.0 {
                 let y = bottom + 16.0;
                 let _ = writeln!(

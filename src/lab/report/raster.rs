@@ -1,20 +1,20 @@
-//! Triangles to pixels: an orthographic view with a depth buffer.
+//! Drawing of triangles: an orthographic view with a depth buffer.
 
 use glam::DVec3;
 
 use crate::mesh::Mesh;
 
-/// Pixels per side of a picture as drawn; it is shown at half that, so that edges are smooth.
+/// Pixels per side of a picture as drawn. It is shown at half that size, so that edges are smooth.
 pub const SIZE: usize = 720;
 
 /// Share of the picture that the object fills.
 const FILL: f64 = 0.94;
 
-/// From the object to the eye: from the front, a little from the right and above, for objects
-/// whose up is y, as those of scanners and glTF are.
+/// Direction from the object to the eye: from the front, a little from the right and above. Objects
+/// have y up, as from scanners and in glTF.
 const EYE: DVec3 = DVec3::new(0.35, 0.3, 1.0);
 
-/// How the object lies in the picture. One for all pictures that are to be compared.
+/// The projection of the object. Pictures that are compared share one.
 #[derive(Debug, Clone, Copy)]
 pub struct View {
     centre: DVec3,
@@ -25,7 +25,7 @@ pub struct View {
 }
 
 impl View {
-    /// All of the mesh in the picture.
+    /// A view with the whole mesh in the picture.
     #[must_use]
     pub fn of(mesh: &Mesh) -> Self {
         let eye = EYE.normalize();
@@ -86,7 +86,7 @@ fn normals(mesh: &Mesh) -> Vec<DVec3> {
     normals.into_iter().map(DVec3::normalize_or_zero).collect()
 }
 
-/// Light from above the eye's left on both sides of the surface, over a little from everywhere.
+/// Light from above and left of the eye, on both sides of the surface, plus ambient light.
 fn light(normal: DVec3, view: &View) -> f64 {
     let lamp = (view.eye + 0.5 * view.up - 0.5 * view.right).normalize();
     let facing = if normal.dot(view.eye) < 0.0 { -normal } else { normal };

@@ -1,30 +1,30 @@
-//! Why a figure of ours differs from one that was printed, as far as the rows themselves tell: each
-//! has the bound in the suspect's own frame beside the bound in the host's.
+//! Why a result differs from the printed one, as far as the rows show it. Each row has the bound in
+//! the suspect's own frame and the bound in the host's frame.
 
 use crate::lab::summary::Group;
 
-/// Differences of detection ratios below this are none. (With ten trials of 64 bits, a ratio of 0.8
-/// has a standard error of about 0.016, with fifty of 0.007.)
+/// Differences of detection ratios below this count as none. With ten trials of 64 bits, a ratio of
+/// 0.8 has a standard error of about 0.016, with fifty trials of 0.007.
 pub const ALIKE: f64 = 0.03;
 
-/// Of the decades that an attack costs, the share that the host's frame gives back where the
-/// suspect's own frame is the reason; and where it has no part in it.
+/// Thresholds of the share that the host's frame recovers of the decades lost to an attack. Above
+/// the first, the suspect's own frame is the reason. Below the second, the frame has no part in it.
 const ALL_OF_IT: f64 = 0.8;
 const NONE_OF_IT: f64 = 0.2;
 
-/// Bounds that differ by less than this many decades are alike.
+/// Bounds that differ by less than this many decades count as equal.
 const DECADES: f64 = 1.0;
 
-/// Standard errors beyond which a difference of means is not luck.
+/// Number of standard errors beyond which a difference of means is not chance.
 const CERTAIN: f64 = 3.0;
 
-/// Fewer marks do not show how much they differ.
+/// Fewer marks than this do not show their spread.
 const FEWEST: usize = 10;
 
-/// Marks that the paper averages over (section 5).
+/// Number of marks that the paper averages over (section 5).
 const PAPERS_TRIALS: f64 = 50.0;
 
-/// Half of the last digit that the paper prints of a distortion.
+/// Half a unit of the last digit that the paper prints of a distortion.
 const ROUNDING: f64 = 0.005;
 
 /// Whether two results are of the same mark of the same mesh.
@@ -32,7 +32,7 @@ pub fn same_mark(a: &Group, b: &Group) -> bool {
     a.experiment == b.experiment && a.closed_loop == b.closed_loop && same_but_for_loop(a, b)
 }
 
-/// The same, but for the experiment and for how often the mark was gone over.
+/// As `same_mark`, except for the experiment and the number of passes.
 pub fn same_but_for_loop(a: &Group, b: &Group) -> bool {
     a.mesh == b.mesh
         && a.method == b.method
@@ -41,9 +41,9 @@ pub fn same_but_for_loop(a: &Group, b: &Group) -> bool {
         && a.budget == b.budget
 }
 
-/// Why a detection ratio is above or below the printed one; empty when it is neither. `before` is
-/// the same mark without any attack, `single_pass` the share of bits that a mark of ours reads right
-/// then when it is made in a single pass, as the paper makes it.
+/// Why a detection ratio is above or below the printed one; empty if it is neither. `before` is the
+/// same mark without an attack. `single_pass` is the share of bits that are read right without an
+/// attack after a single pass, which is how the paper makes its marks.
 pub fn of_ratio(
     group: &Group,
     printed: f64,
@@ -92,7 +92,7 @@ pub fn of_ratio(
 /// Mean bounds of two kinds of marks, as decimal logarithms.
 #[derive(Clone, Copy)]
 pub struct Bounds {
-    /// Of the marks that should be the better ones, or alike.
+    /// Of the marks that should be better, or equal.
     pub first: f64,
     /// Of the others.
     pub second: f64,
@@ -105,13 +105,13 @@ impl Bounds {
     }
 }
 
-/// What the bounds say of a comparison of marks that came out otherwise than printed.
+/// What the bounds say about a comparison of marks whose result differs from the printed one.
 pub fn of_comparison(blind: Bounds, known: Bounds, alike: bool) -> String {
     let bounds = format!(
         "mean bounds 10^{:.1} and 10^{:.1} blindly, 10^{:.1} and 10^{:.1} in the host's frame",
         blind.first, blind.second, known.first, known.second
     );
-    // By one and the same rule.
+    // Both frames are judged by the same rule.
     if !blind.fit(alike) && known.fit(alike) {
         format!("the suspects' frames; in the host's it holds: {bounds}")
     } else {
@@ -119,7 +119,8 @@ pub fn of_comparison(blind: Bounds, known: Bounds, alike: bool) -> String {
     }
 }
 
-/// Why the mean distortion of marks is another than printed, for a mesh of so many `vertices`.
+/// Why the mean distortion of marks differs from the printed one. The paper's mesh has `vertices`
+/// vertices.
 pub fn of_distortion(group: &Group, printed: f64, vertices: usize) -> String {
     if group.vertices != vertices {
         return format!(
@@ -170,7 +171,7 @@ mod tests {
             let moved = Group { family: "similarity".into(), ..lost };
             assert!(of_ratio(&moved, 1.0, None, None).starts_with("moved"));
         }
-        // What was missing before the attack is not laid to it.
+        // Bits that were wrong before the attack are not attributed to it.
         let before = Group { detection_ratio: 0.7, log10_bound: -4.0, ..group() };
         let after = Group { log10_bound_in_place: -3.8, ..lost };
         let text = of_ratio(&after, 1.0, Some(&before), None);

@@ -7,9 +7,9 @@ use super::plot::escaped;
 /// A cell.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Cell {
-    /// What stands in it.
+    /// Its text.
     pub text: String,
-    /// How good that is, from 0 to 1: its background.
+    /// How good the value is, from 0 to 1. It sets the background.
     pub merit: Option<f64>,
 }
 
@@ -25,15 +25,15 @@ impl Cell {
     }
 }
 
-/// Letters of a cell beyond which it is a text and is broken into lines.
+/// Number of characters beyond which a cell is broken into lines.
 const LONG: usize = 60;
 
 /// A table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// Above it.
+    /// Title above the table.
     pub title: String,
-    /// Below it.
+    /// Note below the table.
     pub note: String,
     /// Column heads.
     pub head: Vec<String>,
@@ -55,7 +55,7 @@ impl Table {
         for row in &self.rows {
             html.push_str("<tr>");
             for cell in row {
-                // Red to green by way of yellow.
+                // From red through yellow to green.
                 let style = cell.merit.map_or_else(String::new, |merit| {
                     format!(" style=\"background:hsl({:.0} 70% 88%)\"", 120.0 * merit)
                 });

@@ -31,7 +31,7 @@ pub fn tables(grid: Grid, groups: &[Group]) -> Vec<Table> {
     all
 }
 
-/// How many trials there are of what; remeshing may have fewer on large meshes.
+/// Number of trials per mesh and experiment. Remeshing may have fewer on large meshes.
 fn trials(groups: &[Group]) -> Table {
     let mut rows = Vec::new();
     for experiment in distinct(groups.iter().map(|g| g.experiment.as_str())) {
@@ -73,7 +73,7 @@ pub fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
     list
 }
 
-/// A mark's name where only what differs among `all` is named beside the method.
+/// A mark's name: its method, with strength and bits only where they differ among `all`.
 pub fn label(group: &Group, all: &[&Group]) -> String {
     let differs = |other: &&&Group| other.strength.to_bits() != group.strength.to_bits();
     let strength = all.iter().find(differs).map(|_| format!(" {}", group.strength));

@@ -1,4 +1,4 @@
-//! Results to make reports of.
+//! Results for tests of reports.
 
 use crate::lab::summary::Group;
 

@@ -42,7 +42,10 @@ const MOST_TESTS: u64 = 24_000_000;
 
 /// The proper rotations other than the identity that map the host onto itself, in its unit
 /// coordinates; `None` once `stop` returns `true`.
-pub(in crate::registration) fn symmetries(host: &PreparedHost, stop: Stop<'_>) -> Option<Vec<Similarity>> {
+pub(in crate::registration) fn symmetries(
+    host: &PreparedHost,
+    stop: Stop<'_>,
+) -> Option<Vec<Similarity>> {
     let (points, discs) = (&host.points, host.discs(stop)?);
     let budget = Budget::new(MOST_TESTS);
     let within = Within { budget: &budget, stop };
