@@ -39,7 +39,7 @@ fn main() {
                 let strength = Strength::new(0.1).expect("the paper's strength");
                 let params =
                     EmbedParams { method, strength, closed_loop, ..EmbedParams::default() };
-                pose(&host, &params, keys);
+                measure(&host, &params, keys);
             }
         }
     }
@@ -58,7 +58,7 @@ const ATTACKS: [(Attack, usize, &str); 9] = [
     (Attack::Simplify(0.9), 1, "simplified by 90 %"),
 ];
 
-fn pose(host: &Mesh, params: &EmbedParams, keys: u64) {
+fn measure(host: &Mesh, params: &EmbedParams, keys: u64) {
     let frame = Suspect::new(host).expect("a surface").frame();
     let mut sums = [[0.0; 6]; ATTACKS.len()];
     for seed in 1..=keys {

@@ -21,7 +21,7 @@ use quadmark::marking::{Amplitude, Layers, MarkRequest, mark};
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
 use quadmark::registration::{
-    Alignment, Budget, Effort, PreparedHost, PreparedSuspect, Shape, Similarity, Within,
+    Alignment, Budget, Effort, PreparedHost, PreparedSuspect, Shape, Similarity, WorkLimits,
     by_surface, by_vertices, suffices,
 };
 use quadmark::sample::{Sample, to_obj};
@@ -132,7 +132,7 @@ impl Prepared {
         let start = Instant::now();
         let suspect = PreparedSuspect::new(Shape::new(Surface::new(&suspect)).unwrap());
         let budget = Budget::new(u64::MAX);
-        let within = Within { budget: &budget, stop: &|| false };
+        let within = WorkLimits { budget: &budget, stop: &|| false };
         let shared = by_vertices(host, &suspect, within.stop);
         let enough = shared.as_ref().is_some_and(|found| suffices(host, &suspect, found, within));
         let mut found: Vec<Alignment> = shared.into_iter().collect();

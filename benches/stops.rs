@@ -30,7 +30,7 @@ use quadmark::mesh::quality::quality_until;
 use quadmark::mesh::surface::Surface;
 use quadmark::recognition::{HostModel, SuspectModel, poses};
 use quadmark::registration::{
-    Budget, Effort, PreparedHost, PreparedSuspect, Probe, Shape, Sketch, Within,
+    Budget, Effort, PreparedHost, PreparedSuspect, Probe, Shape, Sketch, WorkLimits,
 };
 use quadmark::sample::{Sample, to_glb, to_obj};
 use quadmark::watermark::{
@@ -201,7 +201,7 @@ fn looking(mesh: &Mesh, marked: &Mesh) {
         let surface = Surface::new(suspect);
         let suspect_model = SuspectModel::new(suspect, &surface);
         stage(&format!("looking at a host for {name}"), |stop| {
-            let within = Within { budget: &budget, stop };
+            let within = WorkLimits { budget: &budget, stop };
             let _ = poses(&host_model, &suspect_model, Effort::Thorough, within, &mut |pose| {
                 black_box(pose);
                 std::ops::ControlFlow::Continue(())

@@ -23,7 +23,7 @@ use quadmark::mesh::quality::quality_until;
 use quadmark::mesh::surface::Surface;
 use quadmark::recognition::{HostModel, SuspectModel, poses};
 use quadmark::registration::{
-    Budget, Effort, PreparedHost, PreparedSuspect, Probe, Shape, Sketch, Within, by_surface,
+    Budget, Effort, PreparedHost, PreparedSuspect, Probe, Shape, Sketch, WorkLimits, by_surface,
     in_place,
 };
 use quadmark::sample::{Sample, to_glb, to_obj};
@@ -184,7 +184,7 @@ fn preparations(case: &Case) -> Vec<Stage<'_>> {
                     return;
                 };
                 let budget = Budget::new(10_000_000);
-                let within = Within { budget: &budget, stop };
+                let within = WorkLimits { budget: &budget, stop };
                 let suspect_model = SuspectModel::new(&case.marked, &case.surface);
                 let mut go_on = |_| std::ops::ControlFlow::Continue(());
                 let _ = poses(&host_model, &suspect_model, Effort::Whole, within, &mut go_on);
@@ -300,14 +300,14 @@ fn stages(case: &Case) -> Vec<Stage<'_>> {
             "looking in place",
             Box::new(move |stop| {
                 let budget = Budget::new(u64::MAX);
-                let _ = in_place(&case.host, &case.other, Within { budget: &budget, stop });
+                let _ = in_place(&case.host, &case.other, WorkLimits { budget: &budget, stop });
             }),
         ),
         (
             "registering",
             Box::new(move |stop| {
                 let budget = Budget::new(u64::MAX);
-                let within = Within { budget: &budget, stop };
+                let within = WorkLimits { budget: &budget, stop };
                 let _ = by_surface(&case.host, &case.other, Effort::Thorough, &[], within);
             }),
         ),

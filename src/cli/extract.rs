@@ -8,7 +8,7 @@ use quadmark::marking::extract_file;
 use quadmark::mesh::Mesh;
 use quadmark::mesh::surface::Surface;
 use quadmark::recognition::{HostModel, SuspectModel, relief_of};
-use quadmark::registration::{Budget, Within};
+use quadmark::registration::{Budget, WorkLimits};
 use quadmark::relief::Amplitude;
 use quadmark::watermark::{BitCount, MarkKey, Modulation};
 use serde_json::json;
@@ -86,7 +86,7 @@ fn relief(arguments: &Arguments, host: &Path) -> Outcome {
     let surface = Surface::new(&suspect);
     let suspect_model = SuspectModel::new(&suspect, &surface);
     let budget = Budget::new(u64::MAX);
-    let within = Within { budget: &budget, stop: &|| false };
+    let within = WorkLimits { budget: &budget, stop: &|| false };
     let amplitude = arguments.amplitude.unwrap_or_default();
     let found = relief_of(&host, &suspect_model, &arguments.key, amplitude, within);
     let log10_fp = found.map_or(0.0, |found| found.log10_fp);

@@ -16,7 +16,7 @@ use crate::marking::{
 use crate::mesh::Mesh;
 use crate::mesh::surface::Surface;
 use crate::recognition::{SuspectModel, relief_of};
-use crate::registration::{Budget, Within};
+use crate::registration::{Budget, WorkLimits};
 use crate::watermark::{Codeword, EmbedParams, Frame, MarkKey, Message, WatermarkError};
 
 /// The parameters of a trial.
@@ -227,7 +227,7 @@ impl Trial<'_> {
         let surface = Surface::new(attacked);
         let suspect_model = SuspectModel::new(attacked, &surface);
         let budget = Budget::new(u64::MAX);
-        let within = Within { budget: &budget, stop: &|| false };
+        let within = WorkLimits { budget: &budget, stop: &|| false };
         let found =
             relief_of(self.subject.host_model(), &suspect_model, &marked.key, amplitude, within);
         found.map(|found| found.log10_fp)

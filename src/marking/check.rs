@@ -10,7 +10,7 @@ use crate::watermark::{WatermarkError, extract_until, needed_bins};
 /// log10 of the bound at which the relief of a small mesh has to be read back, at most. A match
 /// needs 1e-9 after all that a verification counts, and some decades are for what happens to the
 /// file.
-pub(super) const NEEDED: f64 = -14.0;
+pub(super) const LOG10_NEEDED: f64 = -14.0;
 
 /// Most carrier vertices of a small mesh. Larger meshes have decades to spare: their relief is
 /// measured along the normals instead of being read as a verification reads it.
@@ -51,7 +51,9 @@ impl Maker<'_> {
             (Ok(true), false) => Ok(Layers::Relief),
             (Ok(false) | Err(MarkError::ReliefTooSmall { .. }), true) => Ok(Layers::Blind),
             // No relief is left: the file's coordinates are too coarse.
-            (Ok(false), false) => Err(MarkError::ReliefTooSmall { log10: 0.0, needed: NEEDED }),
+            (Ok(false), false) => {
+                Err(MarkError::ReliefTooSmall { log10: 0.0, needed: LOG10_NEEDED })
+            }
             (Err(error), _) => Err(error),
         }
     }
@@ -99,8 +101,8 @@ impl Maker<'_> {
             return Ok(true);
         }
         let log10 = self.bound_of(&carriers, amplitude).unwrap_or(0.0);
-        if log10 > NEEDED {
-            return Err(MarkError::ReliefTooSmall { log10, needed: NEEDED });
+        if log10 > LOG10_NEEDED {
+            return Err(MarkError::ReliefTooSmall { log10, needed: LOG10_NEEDED });
         }
         Ok(true)
     }

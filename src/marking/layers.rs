@@ -22,7 +22,7 @@ pub(super) struct Placed {
 }
 
 /// A host to be marked.
-pub(super) struct Base<'a> {
+pub(super) struct UnmarkedHost<'a> {
     pub(super) mesh: &'a Mesh,
     pub(super) surface: &'a Surface,
     /// File vertices that cannot move.
@@ -31,19 +31,19 @@ pub(super) struct Base<'a> {
 }
 
 /// A host with a relief on it.
-pub(super) struct Raised {
+pub(super) struct WithRelief {
     mesh: Mesh,
     surface: Surface,
 }
 
-impl Base<'_> {
+impl UnmarkedHost<'_> {
     /// Adds a relief with the signs of a key on `field`.
     pub(super) fn raised(
         &self,
         field: &Field,
         signs: &Signs,
         amplitude: Amplitude,
-    ) -> Result<Raised, MarkError> {
+    ) -> Result<WithRelief, MarkError> {
         let mut pinned = vec![false; self.surface.positions.len()];
         for &vertex in self.pinned {
             let carrier = usize::try_from(vertex).ok().and_then(|v| self.surface.carrier_of.get(v));
@@ -63,13 +63,13 @@ impl Base<'_> {
         let mesh = Mesh::new(positions, self.mesh.triangles().to_vec())
             .map_err(|error| MarkError::Check(error.to_string()))?;
         let surface = Surface { positions: carriers, ..self.surface.clone() };
-        Ok(Raised { mesh, surface })
+        Ok(WithRelief { mesh, surface })
     }
 
     /// Embeds the blind layer, on top of a relief if there is one.
     pub(super) fn embedded(
         &self,
-        raised: Option<&Raised>,
+        raised: Option<&WithRelief>,
         codeword: &Codeword,
         params: &EmbedParams,
         round: &(dyn Fn(&mut [DVec3]) + Sync),
@@ -87,7 +87,7 @@ impl Base<'_> {
     /// The mark of a relief alone.
     pub(super) fn alone(
         &self,
-        raised: &Raised,
+        raised: &WithRelief,
         round: &(dyn Fn(&mut [DVec3]) + Sync),
     ) -> Result<Placed, MarkError> {
         let mut positions = raised.mesh.positions().to_vec();

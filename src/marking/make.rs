@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::layers::{Base, Placed, Raised, signs};
+use super::layers::{Placed, UnmarkedHost, WithRelief, signs};
 use super::within::{PROBES, Room, first_strength, shares, strongest_within};
 use super::{MarkError, MarkRequest, MaxDistortion};
 use crate::formats::Asset;
@@ -29,7 +29,7 @@ const RELIEF_STEP: f64 = 0.1;
 const RELIEF_SHARE: f64 = 0.8;
 
 /// Ratio from an amplitude of a relief alone that distorts too much to the next one.
-const LOWER: f64 = 0.85;
+const AMPLITUDE_RATIO: f64 = 0.85;
 
 /// Amplitudes of a relief alone that are tried, at most. On a mesh of few vertices, distortion
 /// differs by a third between sets of signs.
@@ -59,7 +59,7 @@ pub(super) struct Fitted<T> {
 /// The relief of a key.
 pub(super) struct Relief {
     pub(super) signs: Signs,
-    raised: Raised,
+    raised: WithRelief,
 }
 
 /// Makes marks on one host.
@@ -133,8 +133,8 @@ impl<'a> Maker<'a> {
         Ok(())
     }
 
-    fn base(&self) -> Base<'_> {
-        Base {
+    fn base(&self) -> UnmarkedHost<'_> {
+        UnmarkedHost {
             mesh: self.asset.mesh(),
             surface: &self.surface,
             pinned: self.asset.pinned(),
@@ -237,7 +237,7 @@ impl<'a> Maker<'a> {
 
     fn blind(
         &self,
-        raised: Option<&Raised>,
+        raised: Option<&WithRelief>,
         codeword: &Codeword,
         strength: Strength,
     ) -> Result<Made, MarkError> {
@@ -260,7 +260,10 @@ impl<'a> Maker<'a> {
     /// The relief alone.
     fn relief_alone(&self, amplitude: Amplitude) -> Result<Made, MarkError> {
         let (Some(field), Some(relief)) = (&self.field, &self.relief) else {
-            return Err(MarkError::ReliefTooSmall { log10: 0.0, needed: super::check::NEEDED });
+            return Err(MarkError::ReliefTooSmall {
+                log10: 0.0,
+                needed: super::check::LOG10_NEEDED,
+            });
         };
         let step = RELIEF_STEP * amplitude.get() * field.diagonal();
         let round = |positions: &mut [DVec3]| {
@@ -287,7 +290,7 @@ impl<'a> Maker<'a> {
                 return Ok(Fitted { made, refused });
             }
             least = least.min(made.placed.quality.mrms);
-            share *= LOWER;
+            share *= AMPLITUDE_RATIO;
         }
         Err(MarkError::DistortionUnreachable { limit: limit.get(), least })
     }

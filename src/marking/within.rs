@@ -53,7 +53,7 @@ pub const fn most_tries(keys: u32) -> u32 {
 /// Where norms are crowded, distortion hardly grows with strength but differs between codewords: on
 /// a hammer, two, one, three and two of three were within 0.01 % at strengths 0.02, 0.05, 0.08 and
 /// 0.1.
-const HOPELESS: f64 = 3.0;
+const MOST_PROBE_EXCESS: f64 = 3.0;
 
 /// The probes that a strength is fitted with: codewords that belong to nobody.
 pub(super) const PROBES: [u8; 2] = [0, 1];
@@ -64,7 +64,7 @@ pub(super) const PROBES: [u8; 2] = [0, 1];
 /// on a generated blob and knot, with 16 to 64 bits and strengths 0.03 and 0.1, 3 % distort more
 /// than 1.2 times as much as the worse of the two probes, and 12 % more than it.
 /// `benches/limits.rs` counts refusals.
-const SHARE: f64 = 0.83;
+const PROBE_SHARE: f64 = 0.83;
 
 /// How much a mark may distort: its MRMS as a share of the bounding box's diagonal, from 0.000001
 /// to 0.1.
@@ -124,13 +124,15 @@ pub(super) fn first_strength(
     strongest: Strength,
     mut attempt: impl FnMut(usize, Strength) -> Result<f64, MarkError>,
 ) -> Result<f64, MarkError> {
-    let allowed = SHARE * left;
+    let allowed = PROBE_SHARE * left;
     let mut order = std::array::from_fn(|place| place);
     let worst = |strength| worst_probe(allowed, &mut order, |place| attempt(place, strength));
     match fitted(allowed, start, strongest, worst) {
         // The own codeword may stay within the limit where the probes nearly do.
         Err(MarkError::DistortionUnreachable { least, .. }) if least <= left => Ok(LEAST),
-        Err(MarkError::DistortionUnreachable { least, .. }) if least <= HOPELESS * left => {
+        Err(MarkError::DistortionUnreachable { least, .. })
+            if least <= MOST_PROBE_EXCESS * left =>
+        {
             Ok(start.get().min(strongest.get()))
         }
         Err(MarkError::DistortionUnreachable { least, .. }) => {
@@ -284,7 +286,7 @@ mod tests {
             };
             let (alpha, refused) = settled(0.1, &probe, &|alpha| Ok(1.8 * alpha * 1e-3)).unwrap();
             assert_eq!(refused, 0, "a fifth more than the worst probe is within the limit");
-            assert!(1.5 * alpha * 1e-3 > 0.9 * SHARE * 1e-4, "{alpha} is weak");
+            assert!(1.5 * alpha * 1e-3 > 0.9 * PROBE_SHARE * 1e-4, "{alpha} is weak");
             assert!(embeddings.get() <= 5, "{}", embeddings.get());
         }
     }

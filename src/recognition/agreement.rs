@@ -3,7 +3,7 @@
 
 use super::model::{HostModel, SuspectModel};
 use super::pose::{PoseKind, poses_until};
-use crate::registration::{Effort, Within};
+use crate::registration::{Effort, WorkLimits};
 
 /// The largest share of a suspect's surface that lies on a host's, over all pose hypotheses; 0
 /// where none places the suspect. `None` once `within.stop` returns `true`.
@@ -12,7 +12,7 @@ pub fn share_on(
     host_model: &HostModel,
     suspect_model: &SuspectModel<'_>,
     effort: Effort,
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> Option<f64> {
     let mut best: Option<f64> = None;
     let _ = poses_until(host_model, suspect_model, effort, within, &mut |pose| {
@@ -24,7 +24,7 @@ pub fn share_on(
         // that differs by a symmetry of the host has the same share.
         let share = if in_order {
             Some(1.0)
-        } else if !pose.is_placed() || matches!(pose.kind, PoseKind::Turned(_)) {
+        } else if !pose.is_placed() || matches!(pose.kind, PoseKind::Symmetric(_)) {
             None
         } else {
             let suspect = suspect_model.surface(host_model);

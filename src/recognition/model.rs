@@ -82,10 +82,10 @@ pub struct SuspectModel<'a> {
     faces_inward: Option<bool>,
     prepared: OnceLock<Option<PreparedSuspect>>,
     /// The suspect with its triangles flipped.
-    over: OnceLock<Over>,
+    flipped: OnceLock<Flipped>,
 }
 
-struct Over {
+struct Flipped {
     surface: Surface,
     prepared: OnceLock<Option<PreparedSuspect>>,
 }
@@ -95,7 +95,7 @@ impl<'a> SuspectModel<'a> {
     #[must_use]
     pub fn new(mesh: &'a Mesh, surface: &'a Surface) -> Self {
         let (faces_inward, prepared) = (faces_inward(surface), OnceLock::new());
-        Self { mesh, surface, faces_inward, prepared, over: OnceLock::new() }
+        Self { mesh, surface, faces_inward, prepared, flipped: OnceLock::new() }
     }
 
     /// The geometry of the file.
@@ -108,7 +108,7 @@ impl<'a> SuspectModel<'a> {
     /// both have an inside.
     #[must_use]
     pub fn surface(&self, host_model: &HostModel) -> &Surface {
-        self.over(host_model).map_or(self.surface, |over| &over.surface)
+        self.flipped(host_model).map_or(self.surface, |flipped| &flipped.surface)
     }
 
     /// `None` where there is no shape, and once `stop` returns `true`.
@@ -122,13 +122,13 @@ impl<'a> SuspectModel<'a> {
             let prepared = shape.and_then(|shape| PreparedSuspect::new_until(shape, stop));
             go_on(stop).map(|()| prepared)
         };
-        let prepared = self.over(host_model).map_or(&self.prepared, |over| &over.prepared);
+        let prepared = self.flipped(host_model).map_or(&self.prepared, |flipped| &flipped.prepared);
         once(prepared, prepare)?.as_ref()
     }
 
-    fn over(&self, host_model: &HostModel) -> Option<&Over> {
+    fn flipped(&self, host_model: &HostModel) -> Option<&Flipped> {
         let inside_out = self.faces_inward? != host_model.faces_inward?;
-        let make = || Over { surface: turned_over(self.surface), prepared: OnceLock::new() };
-        inside_out.then(|| self.over.get_or_init(make))
+        let make = || Flipped { surface: turned_over(self.surface), prepared: OnceLock::new() };
+        inside_out.then(|| self.flipped.get_or_init(make))
     }
 }

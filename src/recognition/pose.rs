@@ -10,7 +10,7 @@ use crate::mesh::stop::{self, Stop, changed, chosen};
 use crate::mesh::surface::Surface;
 use crate::registration::similarity::{Pair, fit};
 use crate::registration::{
-    Alignment, Effort, PreparedHost, Similarity, Within, by_surface, by_vertices, in_place,
+    Alignment, Effort, PreparedHost, Similarity, WorkLimits, by_surface, by_vertices, in_place,
     suffices,
 };
 use crate::watermark::{Correspondence, Frame};
@@ -33,7 +33,7 @@ pub enum PoseKind {
     Near,
     /// The suspect was registered and then rotated by one of the host's symmetries; the number says
     /// how many of them there are.
-    Turned(usize),
+    Symmetric(usize),
 }
 
 /// Error shares: the part of a host's error probability that a pose hypothesis of each kind may
@@ -51,7 +51,7 @@ impl PoseKind {
             Self::Registered(_) => 0.03,
             Self::FewVertices => 0.01,
             Self::Near => 0.12,
-            Self::Turned(turns) => 0.04 / turns.max(1) as f64,
+            Self::Symmetric(turns) => 0.04 / turns.max(1) as f64,
         }
     }
 }
@@ -106,14 +106,14 @@ impl PoseHypothesis {
     }
 }
 
-/// Passes one pose hypothesis after the other to `see`, the inexpensive ones first, until `see`
+/// Passes one pose hypothesis after the other to `visit`, the inexpensive ones first, until `visit`
 /// breaks, there are no more, or `within.stop` returns `true`.
 pub fn poses(
     host_model: &HostModel,
     suspect_model: &SuspectModel<'_>,
     effort: Effort,
-    within: Within<'_>,
-    see: &mut dyn FnMut(PoseHypothesis) -> ControlFlow<()>,
+    within: WorkLimits<'_>,
+    visit: &mut dyn FnMut(PoseHypothesis) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
     let go_on = || if (within.stop)() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let still = Similarity::IDENTITY;
@@ -122,10 +122,10 @@ pub fn poses(
     let unmoved = is_same(host_model, median_off(&ordered, &still));
     go_on()?;
     let correspondences = if unmoved { correspondences(&ordered, &still) } else { Vec::new() };
-    see(PoseHypothesis { kind: PoseKind::InPlace, similarity: still, correspondences })?;
+    visit(PoseHypothesis { kind: PoseKind::InPlace, similarity: still, correspondences })?;
     go_on()?;
     if let Some(pose) = same_order(host_model, ordered, within.stop) {
-        see(pose)?;
+        visit(pose)?;
     }
     let (Some(host), Some(suspect)) =
         (host_model.prepared(within.stop), suspect_model.prepared(host_model, within.stop))
@@ -136,25 +136,25 @@ pub fn poses(
         let enough = suffices(host, suspect, &shared, within);
         let kind = if enough { PoseKind::Registered(0) } else { PoseKind::FewVertices };
         let similarity = shared.similarity;
-        see(from_alignment(host_model, suspect_model, shared, kind))?;
+        visit(from_alignment(host_model, suspect_model, shared, kind))?;
         if enough {
             // On a symmetric host, every vertex may have correspondences in several places.
-            return symmetric_poses(host, &similarity, within.stop, see);
+            return symmetric_poses(host, &similarity, within.stop, visit);
         }
     }
     let near = in_place(host, suspect, within);
     let known: Vec<Alignment> = near.into_iter().collect();
     for alignment in &known {
         go_on()?;
-        see(from_alignment(host_model, suspect_model, alignment.clone(), PoseKind::Near))?;
+        visit(from_alignment(host_model, suspect_model, alignment.clone(), PoseKind::Near))?;
     }
     let found = by_surface(host, suspect, effort, &known, within);
     let best = found.first().or(known.first()).map(|best| best.similarity);
     for (rank, alignment) in found.into_iter().take(MOST_BY_SURFACE).enumerate() {
         go_on()?;
-        see(from_alignment(host_model, suspect_model, alignment, PoseKind::Registered(rank)))?;
+        visit(from_alignment(host_model, suspect_model, alignment, PoseKind::Registered(rank)))?;
     }
-    best.map_or(ControlFlow::Continue(()), |best| symmetric_poses(host, &best, within.stop, see))
+    best.map_or(ControlFlow::Continue(()), |best| symmetric_poses(host, &best, within.stop, visit))
 }
 
 /// Further pose hypotheses at a symmetric host, after one under which the suspect lies on it. The
@@ -163,15 +163,15 @@ fn symmetric_poses(
     host: &PreparedHost,
     similarity: &Similarity,
     stop: Stop<'_>,
-    see: &mut dyn FnMut(PoseHypothesis) -> ControlFlow<()>,
+    visit: &mut dyn FnMut(PoseHypothesis) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
     let turns = host.symmetries(stop).unwrap_or_default();
     for turn in turns {
         if stop() {
             return ControlFlow::Break(());
         }
-        let kind = PoseKind::Turned(turns.len());
-        see(PoseHypothesis {
+        let kind = PoseKind::Symmetric(turns.len());
+        visit(PoseHypothesis {
             kind,
             similarity: similarity.then(turn),
             correspondences: Vec::new(),
@@ -180,16 +180,16 @@ fn symmetric_poses(
     ControlFlow::Continue(())
 }
 
-/// Like [`poses`], with a `see` that returns whether to end.
+/// Like [`poses`], with a `visit` that returns whether to end.
 pub(super) fn poses_until(
     host_model: &HostModel,
     suspect_model: &SuspectModel<'_>,
     effort: Effort,
-    within: Within<'_>,
-    see: &mut dyn FnMut(&PoseHypothesis) -> bool,
+    within: WorkLimits<'_>,
+    visit: &mut dyn FnMut(&PoseHypothesis) -> bool,
 ) -> ControlFlow<()> {
     poses(host_model, suspect_model, effort, within, &mut |pose| {
-        if see(&pose) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        if visit(&pose) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })
 }
 
@@ -298,7 +298,7 @@ mod tests {
         let surface = Surface::new(suspect);
         let mut seen = Vec::new();
         let budget = Budget::new(u64::MAX);
-        let within = Within { budget: &budget, stop: &|| false };
+        let within = WorkLimits { budget: &budget, stop: &|| false };
         let suspect_model = SuspectModel::new(suspect, &surface);
         let _ = poses(host_model, &suspect_model, Effort::Whole, within, &mut |pose| {
             seen.push(pose);
@@ -308,14 +308,14 @@ mod tests {
     }
 
     #[test]
-    fn the_shares_of_all_looks_add_up_to_at_most_one() {
+    fn the_shares_of_all_poses_add_up_to_at_most_one() {
         let registered: f64 = (0..MOST_BY_SURFACE).map(|k| PoseKind::Registered(k).share()).sum();
         let rest = [
             PoseKind::FewVertices,
             PoseKind::InPlace,
             PoseKind::SameOrder,
             PoseKind::Near,
-            PoseKind::Turned(1),
+            PoseKind::Symmetric(1),
         ];
         let rest = rest.map(PoseKind::share);
         assert!(registered + rest.iter().sum::<f64>() <= 1.0 + 1e-12);
@@ -403,11 +403,11 @@ mod tests {
     fn a_copy_whose_triangles_were_turned_over_is_seen_where_it_lies() {
         let host = Sample::Blob.mesh(6000).unwrap();
         let host_model = HostModel::new(host.clone());
-        let over = |mesh: &Mesh| mesh.triangles().iter().map(|&[a, b, c]| [a, c, b]).collect();
+        let flipped = |mesh: &Mesh| mesh.triangles().iter().map(|&[a, b, c]| [a, c, b]).collect();
         let place = |p: &DVec3| DQuat::from_rotation_x(0.7) * *p * 3.0 + DVec3::ONE;
         for copy in [host, Sample::Blob.mesh(4000).unwrap()] {
             let moved = copy.positions().iter().map(place).collect();
-            let suspect = Mesh::new(moved, over(&copy)).unwrap();
+            let suspect = Mesh::new(moved, flipped(&copy)).unwrap();
             let off = |pose: &PoseHypothesis| {
                 let off = |p: &DVec3| pose.similarity.apply(place(p)).distance(*p);
                 copy.positions().iter().map(off).fold(0.0, f64::max)

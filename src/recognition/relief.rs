@@ -2,7 +2,7 @@
 
 use super::model::{HostModel, SuspectModel};
 use super::pose::{PoseHypothesis, PoseKind, poses_until};
-use crate::registration::{Effort, Within};
+use crate::registration::{Effort, WorkLimits};
 use crate::relief::{Amplitude, ReliefReading, Signs, Work};
 use crate::watermark::MarkKey;
 
@@ -39,7 +39,7 @@ pub fn relief_at(
     suspect_model: &SuspectModel<'_>,
     pose: &PoseHypothesis,
     amplitude: Amplitude,
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> Option<ReliefReading> {
     if !pose.is_placed() {
         return None;
@@ -50,7 +50,7 @@ pub fn relief_at(
     let most = ReliefReading::most_tests(host, suspect);
     let left = within.budget.left() / PER_TEST;
     let tests = match pose.kind {
-        PoseKind::Turned(_) => most.min(TURNED).min(left),
+        PoseKind::Symmetric(_) => most.min(TURNED).min(left),
         _ => most.min(left.max(most / 4)),
     };
     let mut work = Work::new(tests, within.stop);
@@ -67,7 +67,7 @@ pub fn relief_of(
     suspect_model: &SuspectModel<'_>,
     key: &MarkKey,
     amplitude: Amplitude,
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> Option<ReliefFound> {
     /// Below this bound, no other pose hypothesis is tried.
     const CERTAIN: f64 = -15.0;
@@ -131,7 +131,7 @@ mod tests {
             let surface = Surface::new(&part);
             let suspect_model = SuspectModel::new(&part, &surface);
             let budget = Budget::new(u64::MAX);
-            let within = Within { budget: &budget, stop: &|| false };
+            let within = WorkLimits { budget: &budget, stop: &|| false };
             let found = relief_of(&host_model, &suspect_model, &mark, amplitude, within);
             bounds.push(found.map_or(0.0, |found| found.log10_fp));
         }

@@ -119,7 +119,7 @@ impl Budget {
 
 /// The limits of a registration: work, and time where somebody waits.
 #[derive(Clone, Copy)]
-pub struct Within<'a> {
+pub struct WorkLimits<'a> {
     /// Work.
     pub budget: &'a Budget,
     /// Called before each search. Once it returns `true`, searches find nothing.

@@ -20,7 +20,7 @@ pub mod retrieval;
 pub mod shape;
 pub mod similarity;
 
-pub use budget::{Allowed, Budget, Shares, Within};
+pub use budget::{Allowed, Budget, Shares, WorkLimits};
 pub use by_surface::surface::{by_surface, in_place};
 pub use by_vertices::alignment::{by_vertices, suffices};
 pub use prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};

@@ -6,9 +6,9 @@ use super::shape::Shape;
 use super::similarity::Similarity;
 use crate::mesh::stop::{Stop, go_on, once, unstopped};
 use crate::registration::by_surface::icp::IcpTarget;
-use crate::registration::by_surface::partial::{HostPlaces, SuspectPlaces};
+use crate::registration::by_surface::partial::{HostSpinImages, SuspectSpinImages};
 use crate::registration::by_surface::samples::{Point, scatter_until};
-use crate::registration::by_surface::surfels::Discs;
+use crate::registration::by_surface::surfels::Surfels;
 use crate::registration::by_surface::symmetry::symmetries;
 use crate::registration::by_vertices::vertices::{Findable, Landmarks};
 
@@ -65,9 +65,9 @@ pub struct PreparedHost {
     pub(super) points: Vec<Point>,
     /// This field and those below are built when first needed. An alignment by vertices needs none
     /// of them, and a suspect that fits nowhere needs no `target`.
-    discs: OnceLock<Discs>,
+    surfels: OnceLock<Surfels>,
     target: OnceLock<Option<IcpTarget>>,
-    places: OnceLock<HostPlaces>,
+    places: OnceLock<HostSpinImages>,
     symmetries: OnceLock<Vec<Similarity>>,
 }
 
@@ -76,7 +76,7 @@ pub struct PreparedSuspect {
     pub(super) shape: Shape,
     pub(super) landmarks: Findable,
     pub(super) points: Vec<Point>,
-    places: OnceLock<SuspectPlaces>,
+    places: OnceLock<SuspectSpinImages>,
 }
 
 impl PreparedHost {
@@ -91,9 +91,9 @@ impl PreparedHost {
     pub fn new_until(shape: Shape, stop: Stop<'_>) -> Option<Self> {
         let landmarks = Landmarks::new(&shape, stop)?;
         let points = scatter_until(&shape, ALIGNED, stop)?;
-        let (discs, target, places) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
+        let (surfels, target, places) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
         let symmetries = OnceLock::new();
-        Some(Self { shape, landmarks, points, discs, target, places, symmetries })
+        Some(Self { shape, landmarks, points, surfels, target, places, symmetries })
     }
 
     /// The prepared shape.
@@ -103,13 +103,15 @@ impl PreparedHost {
     }
 
     /// `None` once `stop` returns `true`.
-    pub(super) fn discs(&self, stop: Stop<'_>) -> Option<&Discs> {
-        once(&self.discs, || Discs::new(&self.shape, stop))
+    pub(super) fn surfels(&self, stop: Stop<'_>) -> Option<&Surfels> {
+        once(&self.surfels, || Surfels::new(&self.shape, stop))
     }
 
     /// `None` once `stop` returns `true`.
-    pub(super) fn places(&self, stop: Stop<'_>) -> Option<&HostPlaces> {
-        once(&self.places, || HostPlaces::new(&scatter_until(&self.shape, DESCRIBED, stop)?, stop))
+    pub(super) fn places(&self, stop: Stop<'_>) -> Option<&HostSpinImages> {
+        once(&self.places, || {
+            HostSpinImages::new(&scatter_until(&self.shape, DESCRIBED, stop)?, stop)
+        })
     }
 
     /// The rotations other than the identity that map the host onto itself, in the coordinates of
@@ -155,9 +157,9 @@ impl PreparedSuspect {
     }
 
     /// `None` once `stop` returns `true`.
-    pub(super) fn places(&self, stop: Stop<'_>) -> Option<&SuspectPlaces> {
+    pub(super) fn places(&self, stop: Stop<'_>) -> Option<&SuspectSpinImages> {
         once(&self.places, || {
-            SuspectPlaces::new(&scatter_until(&self.shape, DESCRIBED, stop)?, stop)
+            SuspectSpinImages::new(&scatter_until(&self.shape, DESCRIBED, stop)?, stop)
         })
     }
 

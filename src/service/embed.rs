@@ -155,7 +155,7 @@ impl Service {
             (Ok(done), _) => done.refused,
             (Err(error), _) if !is_about_the_codeword(error) => 0,
             (Err(_), StrengthChoice::Exactly(..)) => SALTS,
-            (Err(_), StrengthChoice::Within(..)) => most_tries(SALTS),
+            (Err(_), StrengthChoice::WorkLimits(..)) => most_tries(SALTS),
         };
         // The next mark that is registered for this host and owner was chosen among these tries.
         // The host is identified by its geometry, because an added comment changes the file.

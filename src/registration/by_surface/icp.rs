@@ -16,7 +16,7 @@ use crate::mesh::powers::squared;
 use crate::mesh::stop::{Stop, mapped};
 use crate::mesh::surface::doubled_area;
 use crate::mesh::tree::SearchTree;
-use crate::registration::budget::Within;
+use crate::registration::budget::WorkLimits;
 use crate::registration::shape::Shape;
 use crate::registration::similarity::Similarity;
 
@@ -87,7 +87,7 @@ impl IcpTarget {
     }
 }
 
-impl Ground for IcpTarget {
+impl AlignmentTarget for IcpTarget {
     fn touch(&self, s: &Similarity, point: &Point, reach: f64, tests: &mut u64) -> Option<Touch> {
         let placed = s.apply(point.position);
         let (triangle, closest) = self.closest(placed, reach, tests)?;
@@ -98,7 +98,7 @@ impl Ground for IcpTarget {
 }
 
 /// A host's surface that a suspect is aligned to.
-pub trait Ground: Sync {
+pub trait AlignmentTarget: Sync {
     /// The closest point of the host, if it is within `reach` and faces the same way. Adds the
     /// tests of the search to `tests`.
     fn touch(&self, s: &Similarity, point: &Point, reach: f64, tests: &mut u64) -> Option<Touch>;
@@ -109,7 +109,7 @@ pub trait Ground: Sync {
         s: &Similarity,
         points: &[Point],
         reach: f64,
-        within: Within<'_>,
+        within: WorkLimits<'_>,
     ) -> Vec<Touch> {
         let touch = |p: &Point| {
             let mut tests = 0;
@@ -128,7 +128,7 @@ pub trait Ground: Sync {
         similarity: &Similarity,
         points: &[Point],
         reach: f64,
-        within: Within<'_>,
+        within: WorkLimits<'_>,
     ) -> Fit {
         let touches = self.touches(similarity, points, reach, within);
         let squares: f64 = touches.iter().map(|t| t.placed.distance_squared(t.closest)).sum();
@@ -148,7 +148,7 @@ pub trait Ground: Sync {
         points: &[Point],
         reaches: std::ops::Range<f64>,
         rounds: u32,
-        within: Within<'_>,
+        within: WorkLimits<'_>,
     ) -> Similarity {
         let mut now = *start;
         let shrink = libm::pow(reaches.end / reaches.start, 1.0 / f64::from(rounds.max(2) - 1));
@@ -199,7 +199,7 @@ fn robust_cut(touches: &[Touch], reach: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::mesh::surface::Surface;
-    use crate::registration::budget::{Budget, Within};
+    use crate::registration::budget::{Budget, WorkLimits};
     use crate::registration::by_surface::samples::scatter;
     use crate::sample::Sample;
     use glam::DQuat;
@@ -211,7 +211,7 @@ mod tests {
     #[test]
     fn another_tessellation_comes_home_from_a_rough_guess() {
         let budget = Budget::new(u64::MAX);
-        let within = Within { budget: &budget, stop: &|| false };
+        let within = WorkLimits { budget: &budget, stop: &|| false };
         let (host, suspect) = (shape(8000), shape(5000));
         let target = IcpTarget::new(&host, &crate::mesh::stop::never).unwrap();
         let points = scatter(&suspect, 4000);
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn nothing_near_is_no_overlap() {
         let budget = Budget::new(u64::MAX);
-        let within = Within { budget: &budget, stop: &|| false };
+        let within = WorkLimits { budget: &budget, stop: &|| false };
         let host = shape(1000);
         let away = Similarity { translation: DVec3::splat(5.0), ..Similarity::IDENTITY };
         let target = IcpTarget::new(&host, &crate::mesh::stop::never).unwrap();

@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::icp::IcpTarget;
-use crate::registration::budget::Within;
+use crate::registration::budget::WorkLimits;
 use crate::registration::by_vertices::one_rings::NONE;
 use crate::registration::shape::Shape;
 use crate::registration::similarity::Similarity;
@@ -23,7 +23,7 @@ pub fn mutual(
     suspect: &Shape,
     s: &Similarity,
     reach: f64,
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> Vec<[u32; 2]> {
     let corner = |p: &DVec3, tests: &mut u64| -> Option<(u32, f64)> {
         if (within.stop)() {

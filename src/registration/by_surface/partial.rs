@@ -20,7 +20,7 @@ const HOST_KEYS: usize = 1000;
 const SUSPECT_KEYS: usize = 220;
 
 /// Points of the surface that spin images are made from.
-const SEEN: usize = 6000;
+const SPIN_POINTS: usize = 6000;
 
 /// Radii of the suspect's spin images, shares of its diagonal, descending.
 const SUSPECT_RADII: [f64; 2] = [0.21, 0.13];
@@ -29,7 +29,7 @@ const SUSPECT_RADII: [f64; 2] = [0.21, 0.13];
 /// neighbours, and their number. Images still match when the radii differ by half a step. Scales
 /// from 0.15 to 2 are covered.
 const LEAST_RADIUS: f64 = 0.03;
-const LADDER: f64 = 1.19;
+const RADIUS_RATIO: f64 = 1.19;
 const RADII: i32 = 13;
 
 /// How far the scale of two matches may differ from that of their radii, as a ratio, and how far
@@ -40,11 +40,11 @@ const COSINE_OFF: f64 = 0.25;
 
 /// Least distance of two key points, a share of the suspect's diagonal. Closer ones fix no
 /// rotation.
-const LEAST_APART: f64 = 0.15;
+const LEAST_DISTANCE: f64 = 0.15;
 
 /// Best matches that are used per pair of radii: half of the suspect's key points. (With all, 55
 /// instead of 50 of 70 fragments of 5 %, simplified by 75 %, were found, in twice the time.)
-const TELLING: usize = 110;
+const MOST_MATCHES: usize = 110;
 
 /// Hypotheses that are kept per pair of radii.
 const KEPT: usize = 4;
@@ -54,37 +54,38 @@ const KEPT: usize = 4;
 pub const PRICE: u64 = 8_000_000;
 
 /// A host's key points with spin images at all radii; made once per host.
-pub struct HostPlaces(Vec<Vec<Spin>>);
+pub struct HostSpinImages(Vec<Vec<Spin>>);
 
 /// A suspect's key points with spin images at few radii; made once per suspect.
-pub struct SuspectPlaces(Vec<Vec<Spin>>);
+pub struct SuspectSpinImages(Vec<Vec<Spin>>);
 
-impl HostPlaces {
+impl HostSpinImages {
     /// Makes the spin images of a host from points spread evenly; `None` once `stop` returns
     /// `true`.
     #[must_use]
     pub fn new(points: &[Point], stop: Stop) -> Option<Self> {
         let radii: Vec<f64> = (0..RADII).rev().map(host_radius).collect();
-        let seen = spins(&keys(points, HOST_KEYS), &keys(points, SEEN), &radii, stop);
+        let seen = spins(&keys(points, HOST_KEYS), &keys(points, SPIN_POINTS), &radii, stop);
         (!stop()).then_some(Self(seen))
     }
 }
 
-impl SuspectPlaces {
-    /// Makes the spin images of a suspect, as [`HostPlaces::new`] does of a host.
+impl SuspectSpinImages {
+    /// Makes the spin images of a suspect, as [`HostSpinImages::new`] does of a host.
     #[must_use]
     pub fn new(points: &[Point], stop: Stop) -> Option<Self> {
-        let seen = spins(&keys(points, SUSPECT_KEYS), &keys(points, SEEN), &SUSPECT_RADII, stop);
+        let seen =
+            spins(&keys(points, SUSPECT_KEYS), &keys(points, SPIN_POINTS), &SUSPECT_RADII, stop);
         (!stop()).then_some(Self(seen))
     }
 }
 
 fn host_radius(step: i32) -> f64 {
-    LEAST_RADIUS * (0..step).fold(1.0, |power, _| power * LADDER)
+    LEAST_RADIUS * (0..step).fold(1.0, |power, _| power * RADIUS_RATIO)
 }
 
 /// A match of two key points that look alike: point and normal of the suspect's, and of the host's.
-struct Alike {
+struct SpinMatch {
     from: [DVec3; 2],
     to: [DVec3; 2],
     likeness: f32,
@@ -97,7 +98,7 @@ fn keys(points: &[Point], count: usize) -> Vec<Point> {
 /// Similarities under which parts of the suspect look like parts of the host, the best of each
 /// scale.
 #[must_use]
-pub fn by_parts(host: &HostPlaces, suspect: &SuspectPlaces, stop: Stop) -> Vec<Similarity> {
+pub fn by_parts(host: &HostSpinImages, suspect: &SuspectSpinImages, stop: Stop) -> Vec<Similarity> {
     let steps: Vec<i32> = (0..RADII).rev().collect();
     let at = |(step, hosts): (i32, &Vec<Spin>)| -> Vec<Similarity> {
         let radius = host_radius(step);
@@ -109,32 +110,33 @@ pub fn by_parts(host: &HostPlaces, suspect: &SuspectPlaces, stop: Stop) -> Vec<S
 }
 
 /// Per key point of the suspect the most similar one of the host, the most similar matches first.
-fn alike(suspect: &[Spin], host: &[Spin]) -> Vec<Alike> {
+fn best_matches(suspect: &[Spin], host: &[Spin]) -> Vec<SpinMatch> {
     let most = |s: &Spin| {
         let (likeness, h) =
             host.iter().map(|h| (s.likeness(h), h)).max_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some(Alike { from: [s.position, s.normal], to: [h.position, h.normal], likeness })
+        Some(SpinMatch { from: [s.position, s.normal], to: [h.position, h.normal], likeness })
     };
-    let mut all: Vec<Alike> = suspect.iter().filter_map(most).collect();
+    let mut all: Vec<SpinMatch> = suspect.iter().filter_map(most).collect();
     all.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
-    all.truncate(TELLING);
+    all.truncate(MOST_MATCHES);
     all
 }
 
 /// The hypotheses that most matches agree with.
 fn best(suspect: &[Spin], host: &[Spin], scale: f64, radius: f64, stop: Stop) -> Vec<Similarity> {
-    let alike = alike(suspect, host);
+    let best_matches = best_matches(suspect, host);
     let tolerance = squared((0.2 * radius).max(0.03));
     let agreeing = |s: &Similarity| {
-        let agrees = |a: &&Alike| {
+        let agrees = |a: &&SpinMatch| {
             s.apply(a.from[0]).distance_squared(a.to[0]) < tolerance
                 && s.turn(a.from[1]).dot(a.to[1]) > 0.7
         };
-        alike.iter().filter(agrees).count()
+        best_matches.iter().filter(agrees).count()
     };
-    let twos = (1..alike.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
-    let guesses =
-        twos.filter_map(|(i, j)| two(&alike[i], &alike[j], scale)).take_while(|_| !stop());
+    let twos = (1..best_matches.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
+    let guesses = twos
+        .filter_map(|(i, j)| two(&best_matches[i], &best_matches[j], scale))
+        .take_while(|_| !stop());
     let mut counted: Vec<(usize, Similarity)> = guesses.map(|s| (agreeing(&s), s)).collect();
     counted.sort_by_key(|c| std::cmp::Reverse(c.0));
     let mut kept: Vec<Similarity> = Vec::new();
@@ -151,11 +153,11 @@ fn best(suspect: &[Spin], host: &[Spin], scale: f64, radius: f64, stop: Stop) ->
 }
 
 /// The similarity that two matches fix; `None` where they cannot both be right.
-fn two(a: &Alike, b: &Alike, scale: f64) -> Option<Similarity> {
+fn two(a: &SpinMatch, b: &SpinMatch, scale: f64) -> Option<Similarity> {
     let (from, to) = (b.from[0] - a.from[0], b.to[0] - a.to[0]);
     let apart = from.length();
     let ratio = to.length() / (scale * apart);
-    if apart < LEAST_APART || (ratio - 1.0).abs() > SCALE_OFF {
+    if apart < LEAST_DISTANCE || (ratio - 1.0).abs() > SCALE_OFF {
         return None;
     }
     let (d, e) = (from / apart, to.try_normalize()?);
@@ -195,8 +197,8 @@ mod tests {
             &crate::mesh::Mesh::new(part.positions, part.triangles).unwrap(),
         ))
         .unwrap();
-        let places = HostPlaces::new(&scatter(&host, SEEN), &|| false).unwrap();
-        let own = SuspectPlaces::new(&scatter(&part, SEEN), &|| false).unwrap();
+        let places = HostSpinImages::new(&scatter(&host, SPIN_POINTS), &|| false).unwrap();
+        let own = SuspectSpinImages::new(&scatter(&part, SPIN_POINTS), &|| false).unwrap();
         let found = by_parts(&places, &own, &|| false);
         let truth = part.unit.inverse().then(&host.unit);
         let error = |s: &Similarity| {

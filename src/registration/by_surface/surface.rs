@@ -4,12 +4,12 @@
 
 use std::borrow::Cow;
 
-use super::icp::{Fit, Ground, IcpTarget};
+use super::icp::{AlignmentTarget, Fit, IcpTarget};
 use super::moments::by_moments;
 use super::nearest::mutual;
 use super::partial::{self, by_parts};
 use super::samples::{Point, scatter_until};
-use crate::registration::budget::Within;
+use crate::registration::budget::WorkLimits;
 use crate::registration::prepared::{Alignment, Basis, Effort, PreparedHost, PreparedSuspect};
 use crate::registration::similarity::Similarity;
 
@@ -32,14 +32,14 @@ const WHOLE: f64 = 0.95;
 /// Least overlap of an alignment that is reported, and the share of it that suffices in a rough
 /// measurement.
 const LEAST_OVERLAP: f64 = 0.5;
-const ROUGHLY: f64 = 0.7;
+const ROUGH_OVERLAP_RATIO: f64 = 0.7;
 
-/// An alignment is dropped if its RMS distance is over `LOOSER` times that of the best one, or its
-/// overlap under `LESS` times that of the best one. The RMS distance of the best one counts as at
-/// least `TIGHT`.
-const LOOSER: f64 = 3.0;
-const LESS: f64 = 0.7;
-const TIGHT: f64 = 2e-3;
+/// An alignment is dropped if its RMS distance is over `MOST_RMS_RATIO` times that of the best one, or its
+/// overlap under `LEAST_OVERLAP_RATIO` times that of the best one. The RMS distance of the best one counts as at
+/// least `LEAST_RMS`.
+const MOST_RMS_RATIO: f64 = 3.0;
+const LEAST_OVERLAP_RATIO: f64 = 0.7;
+const LEAST_RMS: f64 = 2e-3;
 
 /// Fewest carrier vertices of a part: with fewer, it fits anywhere.
 const LEAST_PART: usize = 64;
@@ -67,11 +67,11 @@ const SURFELS_REACH: f64 = 0.006;
 pub fn in_place(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> Option<Alignment> {
     let start = suspect.shape.unit.inverse().then(&host.shape.unit);
-    let roughly = host.discs(within.stop)?.judge(&start, &suspect.points, FINE, within);
-    if roughly.overlap < ROUGHLY * LEAST_OVERLAP {
+    let roughly = host.surfels(within.stop)?.judge(&start, &suspect.points, FINE, within);
+    if roughly.overlap < ROUGH_OVERLAP_RATIO * LEAST_OVERLAP {
         return None;
     }
     let target = host.target(within.stop)?;
@@ -87,14 +87,14 @@ pub fn in_place(
 
 /// The rough share of the suspect's surface that lies on the host's, from 0 to 1; `None` when
 /// stopped.
-pub(in crate::registration) fn share_near(
+pub(in crate::registration) fn rough_share_on(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
     similarity: &Similarity,
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> Option<f64> {
     let start = suspect.shape.unit.inverse().then(similarity).then(&host.shape.unit);
-    Some(host.discs(within.stop)?.judge(&start, &suspect.points, FINE, within).overlap)
+    Some(host.surfels(within.stop)?.judge(&start, &suspect.points, FINE, within).overlap)
 }
 
 /// The alignments by the surface alone, best first, without those that are nearly a `known` one;
@@ -105,7 +105,7 @@ pub fn by_surface(
     suspect: &PreparedSuspect,
     effort: Effort,
     known: &[Alignment],
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> Vec<Alignment> {
     let guesses = by_moments(&host.points, &suspect.points, false);
     let mut fits = aligned(host, suspect, &guesses, within);
@@ -125,9 +125,9 @@ pub fn by_surface(
         let parts = aligned(host, suspect, &guesses, within);
         fits.extend(parts.into_iter().filter(|fit| fit.rms <= loosest));
         best_first(&mut fits);
-        distinct(&mut fits);
+        drop_duplicates(&mut fits);
     }
-    likely(&mut fits);
+    drop_accidents(&mut fits);
     let units = (suspect.shape.unit.inverse(), host.shape.unit);
     let known = known.iter().map(|a| units.0.then(&a.similarity).then(&units.1));
     let known: Vec<Similarity> = known.collect();
@@ -159,10 +159,10 @@ fn to_files(host: &PreparedHost, suspect: &PreparedSuspect, fit: &Fit) -> Alignm
 }
 
 /// Drops fits that are accidents in comparison with the best one.
-fn likely(fits: &mut Vec<Fit>) {
+fn drop_accidents(fits: &mut Vec<Fit>) {
     if let Some(&best) = fits.first() {
-        let loosest = LOOSER * best.rms.max(TIGHT);
-        fits.retain(|fit| fit.rms <= loosest && fit.overlap >= LESS * best.overlap);
+        let loosest = MOST_RMS_RATIO * best.rms.max(LEAST_RMS);
+        fits.retain(|fit| fit.rms <= loosest && fit.overlap >= LEAST_OVERLAP_RATIO * best.overlap);
     }
 }
 
@@ -172,16 +172,16 @@ fn aligned(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
     guesses: &[Similarity],
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> Vec<Fit> {
-    let Some(discs) = host.discs(within.stop) else { return Vec::new() };
+    let Some(surfels) = host.surfels(within.stop) else { return Vec::new() };
     let judges = suspect.some(JUDGES);
     // The reach must not span all of a small part.
     let reach = |s: &Similarity| ROUGH * s.scale.abs().clamp(0.2, 1.0);
     let mut judged: Vec<Fit> = guesses
         .iter()
         .take_while(|_| !(within.stop)())
-        .map(|guess| discs.judge(guess, &judges, reach(guess), within))
+        .map(|guess| surfels.judge(guess, &judges, reach(guess), within))
         .collect();
     best_first(&mut judged);
     let closer = |fit: &Fit, points: &[Point], to: f64, rounds: u32, share: u64| {
@@ -191,10 +191,10 @@ fn aligned(
         let searched = target.and_then(|target| {
             let cost = cost_of_a_search(target, &fit.similarity, points, reach, within);
             let points = affordable(points, share / cost / u64::from(rounds + 1))?;
-            Some((target as &dyn Ground, points))
+            Some((target as &dyn AlignmentTarget, points))
         });
         // Surfels cost the same few look-ups on any host.
-        let (ground, points) = searched.unwrap_or((discs, Cow::Borrowed(points)));
+        let (ground, points) = searched.unwrap_or((surfels, Cow::Borrowed(points)));
         let similarity = ground.align(&fit.similarity, &points, reach..end, rounds, within);
         ground.judge(&similarity, &points, end, within)
     };
@@ -207,7 +207,7 @@ fn aligned(
         .map(|guess| closer(guess, &judges, 2.0 * FINE, FEW_ROUNDS, each))
         .collect();
     best_first(&mut fits);
-    distinct(&mut fits);
+    drop_duplicates(&mut fits);
     fits.truncate(RETURNED);
     let each = within.budget.share(2 * RETURNED);
     let mut fits: Vec<Fit> = fits
@@ -215,9 +215,9 @@ fn aligned(
         .take_while(|_| !(within.stop)())
         .map(|fit| closer(fit, &suspect.points, FINE, MORE_ROUNDS, each))
         .collect();
-    fits.retain(|fit| fit.overlap > ROUGHLY * LEAST_OVERLAP);
+    fits.retain(|fit| fit.overlap > ROUGH_OVERLAP_RATIO * LEAST_OVERLAP);
     best_first(&mut fits);
-    distinct(&mut fits);
+    drop_duplicates(&mut fits);
     fits
 }
 
@@ -232,7 +232,7 @@ fn best_first(fits: &mut [Fit]) {
 }
 
 /// Drops fits that are nearly equal to a better one.
-fn distinct(fits: &mut Vec<Fit>) {
+fn drop_duplicates(fits: &mut Vec<Fit>) {
     let mut kept: Vec<Fit> = Vec::new();
     for fit in fits.iter() {
         let same = |other: &Fit| fit.similarity.apart(&other.similarity) < FINE;
@@ -249,7 +249,7 @@ fn cost_of_a_search(
     s: &Similarity,
     points: &[Point],
     reach: f64,
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> u64 {
     let probes: Vec<Point> = thinned(points, PROBES);
     let before = within.budget.spent();
@@ -285,7 +285,7 @@ fn finish(
     fit: &Fit,
     points: &[Point],
     share: u64,
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> Alignment {
     let cost = cost_of_a_search(target, &fit.similarity, points, FINE, within);
     let vertices = suspect.shape.positions.len();

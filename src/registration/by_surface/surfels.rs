@@ -7,7 +7,7 @@
 
 use glam::DVec3;
 
-use super::icp::{Ground, Touch, same_side};
+use super::icp::{AlignmentTarget, Touch, same_side};
 use super::samples::{Point, scatter_until};
 use crate::mesh::stop::{STEP, Stop, go_on};
 use crate::mesh::surface::doubled_area;
@@ -16,7 +16,7 @@ use crate::registration::shape::Shape;
 use crate::registration::similarity::Similarity;
 
 /// Number of surfels of a host.
-const DISCS: usize = 15_000;
+const SURFELS: usize = 15_000;
 
 /// Points farther outside of the host's box than this share of its diagonal touch nothing.
 pub const MARGIN: f64 = 0.08;
@@ -32,7 +32,7 @@ const CELLS_AROUND: u64 = 8;
 const RADIUS: f64 = 1.5;
 
 /// A host's surfels, and the nearest of them to each cell of a grid.
-pub struct Discs {
+pub struct Surfels {
     all: Vec<Point>,
     radius: f64,
     low: DVec3,
@@ -40,11 +40,11 @@ pub struct Discs {
     nearest: Vec<u32>,
 }
 
-impl Discs {
+impl Surfels {
     /// Spreads surfels over the surface; `None` once `stop` returns `true`.
     #[must_use]
     pub fn new(host: &Shape, stop: Stop<'_>) -> Option<Self> {
-        let all = scatter_until(host, DISCS, stop)?;
+        let all = scatter_until(host, SURFELS, stop)?;
         let corners = |t: &[u32; 3]| t.map(|v| host.positions[v as usize]);
         let doubled = |[a, b, c]: [DVec3; 3]| doubled_area(a, b, c).length();
         let mut area = 0.0;
@@ -71,28 +71,28 @@ impl Discs {
             counts,
         };
         go_on(stop)?;
-        grid.sow();
+        grid.seed();
         // After two rounds, one cell in thousands has its second nearest surfel instead of the
         // nearest.
         for _ in 0..2 {
             go_on(stop)?;
-            grid.sweep();
+            grid.propagate();
         }
         Some(grid)
     }
 
     /// Enters each surfel in the cell that it lies in.
-    fn sow(&mut self) {
+    fn seed(&mut self) {
         for number in (0..).take(self.all.len()) {
             let at = (self.all[number as usize].position - self.low) * CELLS;
             if let Some(cell) = self.cell(at.floor()) {
-                self.offer(cell, number);
+                self.enter(cell, number);
             }
         }
     }
 
     /// Propagates surfels from cell to cell, forwards and backwards (Danielsson 1980).
-    fn sweep(&mut self) {
+    fn propagate(&mut self) {
         let [nx, ny, nz] = self.counts;
         let cells = nx * ny * nz;
         let offsets = [1, nx, nx * ny];
@@ -105,7 +105,7 @@ impl Discs {
                         if order { at[axis] + 1 < self.counts[axis] } else { at[axis] > 0 };
                     if inside {
                         let from = if order { cell + offset } else { cell - offset };
-                        self.offer(cell, self.nearest[from]);
+                        self.enter(cell, self.nearest[from]);
                     }
                 }
             }
@@ -114,14 +114,14 @@ impl Discs {
 
     /// Enters a surfel in a cell if it is nearer to the cell's centre than the cell's current
     /// surfel.
-    fn offer(&mut self, cell: usize, number: u32) {
-        let Some(disc) = self.all.get(number as usize) else { return };
+    fn enter(&mut self, cell: usize, number: u32) {
+        let Some(surfel) = self.all.get(number as usize) else { return };
         let [nx, ny, _] = self.counts;
         let at = [cell % nx, cell / nx % ny, cell / (nx * ny)].map(|n| n as f64 + 0.5);
         let middle = self.low + DVec3::from_array(at) / CELLS;
         let far = |p: &Point| p.position.distance_squared(middle);
         let known = self.all.get(self.nearest[cell] as usize);
-        if known.is_none_or(|known| far(disc) < far(known)) {
+        if known.is_none_or(|known| far(surfel) < far(known)) {
             self.nearest[cell] = number;
         }
     }
@@ -141,7 +141,7 @@ impl Discs {
     }
 }
 
-impl Ground for Discs {
+impl AlignmentTarget for Surfels {
     /// The nearest surfel that faces the same way, among those of the eight cells around the point.
     fn touch(&self, s: &Similarity, point: &Point, reach: f64, tests: &mut u64) -> Option<Touch> {
         *tests += CELLS_AROUND;
@@ -151,10 +151,10 @@ impl Ground for Discs {
         for corner in 0..CELLS_AROUND {
             let step = [0, 1, 2].map(|axis| if corner >> axis & 1 == 1 { 1.0 } else { 0.0 });
             let Some(cell) = self.cell(at + DVec3::from_array(step)) else { continue };
-            let Some(disc) = self.all.get(self.nearest[cell] as usize) else { continue };
-            let far = disc.position.distance_squared(placed);
-            if best.is_none_or(|(least, _)| far < least) && same_side(s, point, disc.normal) {
-                best = Some((far, disc));
+            let Some(surfel) = self.all.get(self.nearest[cell] as usize) else { continue };
+            let far = surfel.position.distance_squared(placed);
+            if best.is_none_or(|(least, _)| far < least) && same_side(s, point, surfel.normal) {
+                best = Some((far, surfel));
             }
         }
         let (_, &Point { position, normal }) = best?;
@@ -183,21 +183,21 @@ mod tests {
     fn discs_are_about_where_the_surface_is() {
         for sample in [Sample::Blob, Sample::Knot] {
             let host = shape(&sample.mesh(4000).unwrap());
-            let (discs, target) =
-                (Discs::new(&host, &never).unwrap(), IcpTarget::new(&host, &never).unwrap());
+            let (surfels, target) =
+                (Surfels::new(&host, &never).unwrap(), IcpTarget::new(&host, &never).unwrap());
             let mut errors = Vec::new();
             for height in [-0.03, -0.01, 0.0, 0.01, 0.03, 0.06] {
                 for point in scatter(&host, 500) {
                     let position = point.position + height * point.normal;
                     let above = Point { position, ..point };
-                    let touch = |ground: &dyn Ground| {
+                    let touch = |ground: &dyn AlignmentTarget| {
                         let touch = ground.touch(&Similarity::IDENTITY, &above, MARGIN, &mut 0)?;
                         Some(touch.placed.distance(touch.closest))
                     };
                     let Some(exact) = touch(&target) else { continue };
-                    let rough = touch(&discs).unwrap();
+                    let rough = touch(&surfels).unwrap();
                     // A surfel's centre lies on the surface.
-                    assert!(rough > exact - discs.radius, "{rough} {exact}");
+                    assert!(rough > exact - surfels.radius, "{rough} {exact}");
                     errors.push((rough - exact).abs());
                 }
             }
@@ -209,13 +209,13 @@ mod tests {
     #[test]
     fn what_faces_elsewhere_or_lies_outside_touches_nothing() {
         let host = shape(&Sample::Blob.mesh(1000).unwrap());
-        let discs = Discs::new(&host, &never).unwrap();
+        let surfels = Surfels::new(&host, &never).unwrap();
         for point in scatter(&host, 100) {
             let inside_out = Point { normal: -point.normal, ..point };
             let [far, nowhere] = [2.0, f64::NAN]
                 .map(|to| Point { position: point.position + DVec3::splat(to), ..point });
             for lost in [inside_out, far, nowhere] {
-                assert!(discs.touch(&Similarity::IDENTITY, &lost, 0.01, &mut 0).is_none());
+                assert!(surfels.touch(&Similarity::IDENTITY, &lost, 0.01, &mut 0).is_none());
             }
         }
     }

@@ -3,12 +3,12 @@
 //! A gear with six holes lies on itself in twelve ways, and nothing in the shape of a suspect shows
 //! which of them is right. A comparison with a suspect has to consider all of them.
 
-use super::icp::{Fit, Ground};
+use super::icp::{AlignmentTarget, Fit};
 use super::moments::by_moments;
 use super::samples::Point;
 use super::surface::{FINE, ROUGH};
 use crate::mesh::stop::Stop;
-use crate::registration::budget::{Budget, Within};
+use crate::registration::budget::{Budget, WorkLimits};
 use crate::registration::prepared::PreparedHost;
 use crate::registration::similarity::Similarity;
 
@@ -46,9 +46,9 @@ pub(in crate::registration) fn symmetries(
     host: &PreparedHost,
     stop: Stop<'_>,
 ) -> Option<Vec<Similarity>> {
-    let (points, discs) = (&host.points, host.discs(stop)?);
+    let (points, surfels) = (&host.points, host.surfels(stop)?);
     let budget = Budget::new(MOST_TESTS);
-    let within = Within { budget: &budget, stop };
+    let within = WorkLimits { budget: &budget, stop };
     let judges: Vec<Point> =
         points.iter().step_by((points.len() / JUDGES).max(1)).copied().collect();
     let few: Vec<Point> = judges.iter().step_by(4).copied().collect();
@@ -60,12 +60,12 @@ pub(in crate::registration) fn symmetries(
         let is_new = |fit: &Fit, found: &[Similarity]| {
             found.iter().all(|known| known.apart(&fit.similarity) > 2.0 * FINE)
         };
-        let rough = discs.judge(&guess, &few, ROUGH, within);
+        let rough = surfels.judge(&guess, &few, ROUGH, within);
         if rough.overlap < ROUGHLY || budget.left() == 0 || found.len() > MOST {
             continue;
         }
-        let aligned = discs.align(&guess, &few, ROUGH..FINE, ROUNDS, within);
-        let aligned = discs.judge(&aligned, &few, FINE, within);
+        let aligned = surfels.align(&guess, &few, ROUGH..FINE, ROUNDS, within);
+        let aligned = surfels.judge(&aligned, &few, FINE, within);
         if aligned.overlap < ROUGHLY || !is_new(&aligned, &found) {
             continue;
         }

@@ -1,10 +1,10 @@
 //! The alignment by vertices that suspect and host share, and whether it makes a search by the
 //! surface needless.
 
-use super::vertices::{Twins, twins};
+use super::vertices::{SharedVertices, shared_vertices};
 use crate::mesh::stop::Stop;
-use crate::registration::budget::Within;
-use crate::registration::by_surface::surface::share_near;
+use crate::registration::budget::WorkLimits;
+use crate::registration::by_surface::surface::rough_share_on;
 use crate::registration::prepared::{Alignment, Basis, PreparedHost, PreparedSuspect};
 
 /// Shared vertices suffice where correspondences cover more than `VERTICES_SUFFICE` of the
@@ -21,7 +21,8 @@ pub fn by_vertices(
     suspect: &PreparedSuspect,
     stop: Stop<'_>,
 ) -> Option<Alignment> {
-    let found = twins(&host.shape, &host.landmarks, &suspect.shape, &suspect.landmarks, stop)?;
+    let found =
+        shared_vertices(&host.shape, &host.landmarks, &suspect.shape, &suspect.landmarks, stop)?;
     Some(from_correspondences(host, suspect, found))
 }
 
@@ -32,15 +33,19 @@ pub fn suffices(
     host: &PreparedHost,
     suspect: &PreparedSuspect,
     shared: &Alignment,
-    within: Within<'_>,
+    within: WorkLimits<'_>,
 ) -> bool {
     shared.overlap > VERTICES_SUFFICE
-        && share_near(host, suspect, &shared.similarity, within)
+        && rough_share_on(host, suspect, &shared.similarity, within)
             .is_some_and(|share| share >= SURFACE_SUFFICES)
 }
 
-fn from_correspondences(host: &PreparedHost, suspect: &PreparedSuspect, found: Twins) -> Alignment {
-    let Twins { similarity, pairs, .. } = found;
+fn from_correspondences(
+    host: &PreparedHost,
+    suspect: &PreparedSuspect,
+    found: SharedVertices,
+) -> Alignment {
+    let SharedVertices { similarity, pairs, .. } = found;
     let squared = |&[s, h]: &[u32; 2]| {
         let from = similarity.apply(suspect.shape.positions[s as usize]);
         from.distance_squared(host.shape.positions[h as usize])
@@ -73,7 +78,7 @@ mod tests {
         host: &PreparedHost,
         suspect: &PreparedSuspect,
         effort: Effort,
-        within: Within<'_>,
+        within: WorkLimits<'_>,
     ) -> Vec<Alignment> {
         let shared = by_vertices(host, suspect, within.stop);
         match shared {
@@ -86,8 +91,8 @@ mod tests {
         Budget::new(u64::MAX)
     }
 
-    fn free(budget: &Budget) -> Within<'_> {
-        Within { budget, stop: &|| false }
+    fn free(budget: &Budget) -> WorkLimits<'_> {
+        WorkLimits { budget, stop: &|| false }
     }
 
     fn shape(sample: Sample, vertices: u32, place: &Similarity) -> Shape {
@@ -237,7 +242,7 @@ mod tests {
                 &host,
                 &suspect,
                 Effort::Thorough,
-                Within { stop: &|| true, ..free(&budget()) }
+                WorkLimits { stop: &|| true, ..free(&budget()) }
             )
             .is_empty()
         );

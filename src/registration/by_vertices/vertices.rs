@@ -71,7 +71,7 @@ pub struct Findable([OnceLock<Vec<Landmark>>; WAYS.len()]);
 
 /// A suspect that shares vertices with its host.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Twins {
+pub struct SharedVertices {
     /// From the suspect shape's coordinates to the host shape's.
     pub similarity: Similarity,
     /// Pairs of carrier vertices that are the same vertex, the suspect's first. Ascending by the
@@ -84,13 +84,13 @@ pub struct Twins {
 /// Finds the vertices that suspect and host share. `None` if there are not enough of them, or once
 /// `stop` returns `true`.
 #[must_use]
-pub fn twins(
+pub fn shared_vertices(
     host: &Shape,
     landmarks: &Landmarks,
     suspect: &Shape,
     findable: &Findable,
     stop: Stop<'_>,
-) -> Option<Twins> {
+) -> Option<SharedVertices> {
     let mut best: Option<(Consensus, Vec<Seed>, Sense)> = None;
     for ((kind, sense), found) in WAYS.into_iter().zip(&findable.0) {
         let found = once(found, || suspect.landmarks(kind, sense, stop))?;
@@ -148,7 +148,7 @@ fn grown(
     sense: Sense,
     found: &Consensus,
     stop: Stop<'_>,
-) -> Option<Twins> {
+) -> Option<SharedVertices> {
     let mut growth = Growth::new(host, suspect, sense, found, stop)?;
     for step in seeds.chunks(STEP) {
         go_on(stop)?;
@@ -170,7 +170,7 @@ fn grown(
         let Pair { from, to, .. } = point_pair(host, suspect, pair);
         similarity.apply(from).distance(to) < limit
     });
-    Some(Twins { similarity, pairs, median: better.median })
+    Some(SharedVertices { similarity, pairs, median: better.median })
 }
 
 /// The pairs with the host's normals, without those where the host has none.
@@ -327,7 +327,12 @@ mod tests {
         (mesh.positions().iter().rev().map(|&p| place.apply(p)).collect(), triangles)
     }
 
-    fn centre_error(host: &Shape, suspect: &Shape, found: &Twins, place: &Similarity) -> f64 {
+    fn centre_error(
+        host: &Shape,
+        suspect: &Shape,
+        found: &SharedVertices,
+        place: &Similarity,
+    ) -> f64 {
         let there = place.apply(host.unit.inverse().apply(DVec3::ZERO));
         found.similarity.apply(suspect.unit.apply(there)).length()
     }
@@ -343,9 +348,14 @@ mod tests {
                     let place = Similarity { scale: if mirrored { -0.37 } else { 0.37 }, ..place };
                     let (positions, triangles) = cropped(&mesh, share, &place);
                     let suspect = shape(positions, triangles);
-                    let found =
-                        twins(&host, &landmarks(&host), &suspect, &Findable::default(), &never)
-                            .unwrap();
+                    let found = shared_vertices(
+                        &host,
+                        &landmarks(&host),
+                        &suspect,
+                        &Findable::default(),
+                        &never,
+                    )
+                    .unwrap();
                     let error = centre_error(&host, &suspect, &found, &place);
                     assert!(error < 1e-9, "{share}: {error:e}");
                     assert!(found.pairs.len() * 100 > suspect.positions.len() * 95);
@@ -371,7 +381,8 @@ mod tests {
         }
         let suspect = shape(positions, triangles);
         let found =
-            twins(&host, &landmarks(&host), &suspect, &Findable::default(), &never).unwrap();
+            shared_vertices(&host, &landmarks(&host), &suspect, &Findable::default(), &never)
+                .unwrap();
         let error = centre_error(&host, &suspect, &found, &place);
         assert!(error < 1e-4, "{error:e}");
         assert!(found.pairs.len() * 10 > suspect.positions.len() * 9, "{}", found.pairs.len());
@@ -383,6 +394,9 @@ mod tests {
         let host = shape(host.positions().to_vec(), host.triangles().to_vec());
         let other = irregular(Sample::Blob, 6000);
         let other = shape(other.positions().to_vec(), other.triangles().to_vec());
-        assert_eq!(twins(&host, &landmarks(&host), &other, &Findable::default(), &never), None);
+        assert_eq!(
+            shared_vertices(&host, &landmarks(&host), &other, &Findable::default(), &never),
+            None
+        );
     }
 }

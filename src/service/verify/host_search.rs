@@ -25,7 +25,7 @@ use crate::jobs::Stop;
 use crate::keys::KeyRing;
 use crate::mesh::Mesh;
 use crate::recognition::{HostModel, PoseHypothesis, PoseKind, SuspectModel, poses, share_on};
-use crate::registration::{Allowed, Effort, Within};
+use crate::registration::{Allowed, Effort, WorkLimits};
 use crate::registry::Record;
 use crate::watermark::{
     Candidate, CodewordIndex, Frame, GroupKey, Hypothesis, Profile, ReportLimits, Suspect,
@@ -117,7 +117,7 @@ impl HostSearch<'_> {
             let mut failed = None;
             let budget = shares.deal();
             let stop = || self.stop.now();
-            let within = Within { budget: &budget, stop: &stop };
+            let within = WorkLimits { budget: &budget, stop: &stop };
             let mut on_pose = |pose: PoseHypothesis| match self.read(
                 candidate_host,
                 (&suspect_model, &pose),
@@ -165,7 +165,7 @@ impl HostSearch<'_> {
         let sizes = vec![elements(candidate_host.host_model.mesh())];
         let budget = self.allowed.shares(elements(self.mesh), sizes).deal();
         let stop = || self.stop.now();
-        let within = Within { budget: &budget, stop: &stop };
+        let within = WorkLimits { budget: &budget, stop: &stop };
         let share = share_on(&candidate_host.host_model, suspect_model, effort(self.depth), within);
         go_on(self.stop)?;
         if let Some(share) = share {
@@ -200,7 +200,7 @@ impl HostSearch<'_> {
         &self,
         candidate_host: &CandidateHost,
         (suspect_model, pose): (&SuspectModel<'_>, &PoseHypothesis),
-        within: Within<'_>,
+        within: WorkLimits<'_>,
         cascade: &mut Cascade,
     ) -> Result<ControlFlow<()>, ServiceError> {
         go_on(self.stop)?;
@@ -213,7 +213,7 @@ impl HostSearch<'_> {
             PoseKind::SameOrder
             | PoseKind::FewVertices
             | PoseKind::Registered(_)
-            | PoseKind::Turned(_) => FrameName::Registered,
+            | PoseKind::Symmetric(_) => FrameName::Registered,
         };
         let profile = self.profile(&frame)?;
         let ranked = self.in_frame(candidate_host, &profile);

@@ -15,7 +15,7 @@ use super::cascade::Cascade;
 use super::host_search::{CandidateHost, HostSearch};
 use super::{Depth, go_on};
 use crate::recognition::{PoseHypothesis, PoseKind};
-use crate::registration::Within;
+use crate::registration::WorkLimits;
 use crate::registry::Record;
 use crate::watermark::{Candidate, Codeword, Frame, HostFilter, Hypothesis, SoftBits};
 
@@ -31,7 +31,7 @@ pub(super) struct PoseContext<'a> {
     pub(super) frame: Frame,
     pub(super) counted: &'a dyn Fn(StageName) -> f64,
     /// The work that the comparison with the host may still do.
-    pub(super) within: Within<'a>,
+    pub(super) within: WorkLimits<'a>,
 }
 
 /// A record, its codeword, and the filter for it on the host.
