@@ -6,6 +6,8 @@
 //! master key is never a flag, because other users see the flags of a process, and never in
 //! `Debug`.
 
+#[cfg(test)]
+mod document;
 mod settings;
 
 use std::net::SocketAddr;
