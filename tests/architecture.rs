@@ -76,7 +76,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("gltf", &["formats"]),
     ("tobj", &["formats"]),
     ("object_store", &["blobs"]),
-    ("quick_cache", &["service/verify/homes"]),
+    ("quick_cache", &["service/verify/host_cache"]),
     ("rand_chacha", &["watermark/codeword", "relief/signs", "attacks/random"]),
     ("meshopt", &["attacks"]),
     ("png", &["lab/report"]),

@@ -21,12 +21,12 @@ fn is_literal(default: &str) -> bool {
 /// The table, one row per setting in the order of the fields.
 fn table() -> String {
     let command = Settings::augment_args(clap::Command::new("settings"));
-    let mut text = HEAD.to_owned();
+    let mut rows = vec![HEAD.to_owned()];
     for argument in command.get_arguments() {
         let flag = argument.get_long().unwrap();
         let variable = argument.get_env().unwrap().to_str().unwrap();
         if variable == "QUADMARK_MASTER_KEY_FILE" {
-            text.push_str(MASTER_KEY);
+            rows.push(MASTER_KEY.to_owned());
         }
         let help = argument.get_long_help().or(argument.get_help()).unwrap().to_string();
         let help = help.replace('\n', " ");
@@ -37,13 +37,12 @@ fn table() -> String {
             }
             None => (help.clone(), "false"),
         };
-        let default =
-            if is_literal(default) { format!("`{default}`") } else { default.to_owned() };
+        let default = if is_literal(default) { format!("`{default}`") } else { default.to_owned() };
         let default = if default == "`none`" { "none".to_owned() } else { default };
         let meaning = meaning.trim_end_matches('.');
-        text.push_str(&format!("| `--{flag}` `{variable}` | {default} | {meaning}. |\n"));
+        rows.push(format!("| `--{flag}` `{variable}` | {default} | {meaning}. |\n"));
     }
-    text
+    rows.concat()
 }
 
 #[test]
