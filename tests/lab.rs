@@ -18,8 +18,11 @@ fn sample(folder: &Path) {
     assert!(made.unwrap().success());
 }
 
+/// The grid that costs least.
 fn lab(folder: &Path, trials: &str) -> Command {
-    lab_of(folder, &["blob.obj"], trials, "3")
+    let mut command = lab_of(folder, &["blob.obj"], trials, "3");
+    command.args(["--grid", "blind"]);
+    command
 }
 
 fn lab_of(folder: &Path, files: &[&str], trials: &str, seed: &str) -> Command {
@@ -61,7 +64,7 @@ fn names_that_stand_for_nothing_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     sample(folder.path());
     let cases = [
-        (["--experiments", "figure"], "is called figure; there are: quick"),
+        (["--experiments", "figure"], "is called figure; there are: blind"),
         (["--attacks", "noise,nois"], "is called nois; there are: "),
         (["--attacks", "quantization"], "quantisation"),
     ];
@@ -179,6 +182,7 @@ fn what_a_killed_run_had_made_is_there_to_go_on_with() {
     assert!(said.contains("unfinished.csv") && said.contains("--rows"), "{said}");
     assert_eq!(rows(), made);
     let mut of_another_seed = lab_of(folder.path(), &["blob.obj"], "2", "9");
+    of_another_seed.args(["--grid", "blind"]);
     let refused = of_another_seed.arg("--rows").arg(&unfinished).output().unwrap();
     assert_eq!(refused.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("are of seed 3"));
