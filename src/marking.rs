@@ -11,6 +11,8 @@ mod fit;
 mod inspect;
 mod layers;
 mod make;
+#[cfg(test)]
+mod tests;
 mod within;
 
 use serde::{Serialize, Serializer};

@@ -14,6 +14,7 @@ use crate::marking::{
     Amplitude, MarkError, MarkReport, MarkRequest, MaxDistortion, mark, mark_within,
 };
 use crate::mesh::Mesh;
+use crate::mesh::stop::Stop;
 use crate::mesh::surface::Surface;
 use crate::recognition::{SuspectModel, relief_of};
 use crate::registration::{Budget, WorkLimits};
@@ -82,7 +83,10 @@ impl Trial<'_> {
             if stop() {
                 return None;
             }
-            let row = self.attacked(&marked, &target, attack, place);
+            let row = self.attacked((&marked, &target), (attack, place), stop);
+            if stop() {
+                return None;
+            }
             rows.push(Row { mark_perceived: perceived, ..row });
         }
         Some(rows)
@@ -200,10 +204,9 @@ impl Trial<'_> {
 
     fn attacked(
         &self,
-        marked: &MarkedMesh,
-        target: &Target<'_>,
-        attack: Attack,
-        place: u64,
+        (marked, target): (&MarkedMesh, &Target<'_>),
+        (attack, place): (Attack, u64),
+        stop: Stop<'_>,
     ) -> Row {
         let row = self.described(marked, attack);
         let attacked = match self.attack(&marked.report, target, attack, place) {
@@ -217,17 +220,17 @@ impl Trial<'_> {
             Ok(found) => filled(row, &found, damage),
             Err(error) => return Row { error: Some(error.to_string()), ..row },
         };
-        Row { log10_bound_relief: self.relief_of(marked, &attacked), ..row }
+        Row { log10_bound_relief: self.relief_of(marked, &attacked, stop), ..row }
     }
 
     /// The bound of the relief of an attacked mesh, read against the host as a verification reads
     /// it.
-    fn relief_of(&self, marked: &MarkedMesh, attacked: &Mesh) -> Option<f64> {
+    fn relief_of(&self, marked: &MarkedMesh, attacked: &Mesh, stop: Stop<'_>) -> Option<f64> {
         let amplitude = marked.report.amplitude?;
         let surface = Surface::new(attacked);
         let suspect_model = SuspectModel::new(attacked, &surface);
         let budget = Budget::new(u64::MAX);
-        let within = WorkLimits { budget: &budget, stop: &|| false };
+        let within = WorkLimits { budget: &budget, stop };
         let found =
             relief_of(self.subject.host_model(), &suspect_model, &marked.key, amplitude, within);
         found.map(|found| found.log10_fp)

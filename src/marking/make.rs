@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::layers::{Placed, UnmarkedHost, WithRelief, signs};
-use super::within::{PROBES, Room, first_strength, shares, strongest_within};
+use super::within::{MOST_AMPLITUDES, PROBES, Room, first_strength, shares, strongest_within};
 use super::{MarkError, MarkRequest, MaxDistortion};
 use crate::formats::Asset;
 use crate::mesh::stop::Stop;
@@ -30,10 +30,6 @@ const RELIEF_SHARE: f64 = 0.8;
 
 /// Ratio from an amplitude of a relief alone that distorts too much to the next one.
 const AMPLITUDE_RATIO: f64 = 0.85;
-
-/// Amplitudes of a relief alone that are tried, at most. On a mesh of few vertices, distortion
-/// differs by a third between sets of signs.
-const MOST_AMPLITUDES: u32 = 5;
 
 /// The amplitude of a relief that leaves room for a blind layer within a limit.
 pub(super) fn relief_within(limit: MaxDistortion) -> Result<Amplitude, String> {

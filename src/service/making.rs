@@ -55,17 +55,17 @@ pub(super) enum StrengthChoice {
     /// With this strength of the blind layer and this amplitude of the relief.
     Exactly(Strength, Amplitude),
     /// As strongly as the distortion allows; the blind layer with at most this strength.
-    WorkLimits(MaxDistortion, Strength),
+    Within(MaxDistortion, Strength),
 }
 
 impl StrengthChoice {
     pub(super) fn of(request: &EmbedRequest, layers: Layers) -> Self {
         match (request.max_distortion, request.strength) {
             (None, None) if layers.has_relief() => {
-                Self::WorkLimits(MaxDistortion::USUAL, Strength::BESIDE_A_RELIEF)
+                Self::Within(MaxDistortion::USUAL, Strength::BESIDE_A_RELIEF)
             }
             (None, strength) => Self::Exactly(strength.unwrap_or_default(), Amplitude::default()),
-            (Some(limit), strength) => Self::WorkLimits(limit, strength.unwrap_or(Strength::MAX)),
+            (Some(limit), strength) => Self::Within(limit, strength.unwrap_or(Strength::MAX)),
         }
     }
 }
@@ -104,10 +104,8 @@ impl Service {
         let start = match force {
             StrengthChoice::Exactly(strength, _) => strength,
             // Most searches end near this strength.
-            StrengthChoice::WorkLimits(_, strongest) if strongest < Strength::default() => {
-                strongest
-            }
-            StrengthChoice::WorkLimits(..) => Strength::default(),
+            StrengthChoice::Within(_, strongest) if strongest < Strength::default() => strongest,
+            StrengthChoice::Within(..) => Strength::default(),
         };
         let service = self.clone();
         let slot = self.admit()?;
@@ -154,7 +152,7 @@ impl Service {
                 layers,
                 amplitude: match force {
                     StrengthChoice::Exactly(_, amplitude) => amplitude,
-                    StrengthChoice::WorkLimits(..) => Amplitude::default(),
+                    StrengthChoice::Within(..) => Amplitude::default(),
                 },
                 limits,
                 stop: &stop,
@@ -162,7 +160,7 @@ impl Service {
             };
             let marked = match force {
                 StrengthChoice::Exactly(..) => mark_asset(asset, &host_bytes, &request)?,
-                StrengthChoice::WorkLimits(limit, strongest) => {
+                StrengthChoice::Within(limit, strongest) => {
                     mark_asset_within(asset, &host_bytes, &request, limit, strongest)?
                 }
             };

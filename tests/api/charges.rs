@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use quadmark::config::{Config, Settings};
-use quadmark::marking::most_tries;
+use quadmark::marking::{Layers, most_tries};
 use quadmark::service::{Depth, SALTS, Service, VerifyRequest};
 use serde_json::Value;
 
@@ -126,7 +126,7 @@ async fn marks_that_were_refused_are_charged_to_the_next_of_their_host_and_owner
     assert_eq!(mark("acme", "k").await.0, id);
     let (_, next) = mark("acme", "l").await;
     // Each salt and strength that was refused is a try.
-    let all = 1 + most_tries(SALTS);
+    let all = 1 + most_tries(SALTS, Layers::Blind);
     for (file, tries) in [(&file, all), (&next, 1), (&other, 1)] {
         let verdict = server.verify(file_form(file)).await;
         let how = &best(&verdict)["evidence"];
